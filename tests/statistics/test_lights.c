@@ -29,6 +29,9 @@ static char *folder;
 #define AREA3(more) "AreaLightSource \"diffuse\" \"rgb L\" [3 2 1] " more "\n"
 #define QUAD                                                                                                 \
     "\"integer indices\" [0 1 2 0 2 3] \"point3 P\" [-0.5 1.4 -0.5 0.5 1.6 -0.5 0.5 1.5 0.7 -0.5 1.4 0.5]"
+#define TWO_QUADS                                                                                            \
+    "Shape \"trianglemesh\" " QUAD "\nTranslate 0.4 0.1 -0.2\nRotate 10 1 0 1\nShape \"trianglemesh\" " QUAD "\n" \
+    "Translate -0.3 0.1 0.3\n"
 #define PLACE "Translate 0.2 1.1 0.1\nRotate 70 1 0.3 0.2\n"
 #define STRETCH "Scale 0.5 0.3 0.8\n"
 
@@ -109,6 +112,10 @@ static const light_case_t lights_of[] = {
                 "\n" PLACE AREA3("") "Shape \"sphere\" \"float radius\" [0.2]\nTranslate 0.7 0 0\n" AREA3(
                     "") "Shape \"disk\" \"float radius\" [0.3]\n"),
      FOUND_BY_LOOKING},
+    {"mesh of many triangles",
+     V3(AREA3("\"bool twosided\" [\"true\"]") "Shape \"loopsubdiv\" \"integer levels\" [3] " QUAD "\n"),
+     FOUND_BY_LOOKING},
+    {"more than are asked", V3(AREA3("") TWO_QUADS TWO_QUADS TWO_QUADS TWO_QUADS TWO_QUADS), FOUND_BY_LOOKING},
     {"point", V3("LightSource \"point\" \"point from\" [0.3 1.2 0.2]\n"), 0},
     {"spot of v3",
      V3("LightSource \"spot\" \"point from\" [0.3 1.2 0.2] \"point to\" [0.1 0 0.2] \"float coneangle\" [25] "
@@ -227,6 +234,37 @@ static void by_places(const lit_t *lit, uint32_t i, tally_t *tally)
     add(tally, FIRST_RAY + cell_of(view.w), (double)view.arrival);
 }
 
+/* Draws the places that a first vertex is joined to: s = 1 with t = 2. */
+static void by_first_places(const lit_t *lit, uint32_t i, tally_t *tally)
+{
+    sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 4, 0, i);
+    float choice = sampler_1d(&sampler);
+    vec3_t point = point_of_disc(sampler_2d(&sampler));
+    light_view_t view;
+    vec2_t place = {0, 0};
+    double red = 0, blue = 0, places[CELLS] = {0}; /* of one draw */
+    tally->draws++;
+    assert_true(lights_first_count(lit->lights) <= LIGHTS_FIRST_MOST);
+    for (uint32_t k = 0; k < lights_first_count(lit->lights); k++) {
+        if (k == 0 || lights_are_all_asked(lit->lights)) place = sampler_2d(&sampler);
+        if (lights_illuminate_first(lit->lights, k, point, choice, place, &view) &&
+            !scene_occluded(lit->scene, point, view.target, 0, false)) {
+            float ratio = lights_first_ratio(lit->lights, view.light);
+            assert_float_equal(view.density, view.pdf_place * ratio, 1e-5f * view.density);
+            float factor = float_max(v_dot(view.w, normal()), 0) * view.geometry / view.density;
+            red += (double)(factor * view.radiance.x);
+            blue += (double)(factor * view.radiance.z);
+        }
+        if (lights_illuminate_first(lit->lights, k, centre, choice, place, &view) &&
+            !scene_occluded(lit->scene, centre, view.target, 0, false))
+            places[cell_of(view.w)] +=
+                (double)(view.geometry / lights_first_ratio(lit->lights, view.light));
+    }
+    add(tally, IRRADIANCE_RED, red);
+    add(tally, IRRADIANCE_BLUE, blue);
+    for (int c = 0; c < CELLS; c++) add(tally, FIRST_PLACE + c, places[c]);
+}
+
 /* Traces light subpaths: s >= 2. Their rays cross the disc, if nothing stops them before. */
 static void by_rays(const lit_t *lit, uint32_t i, tally_t *tally)
 {
@@ -337,8 +375,9 @@ static bool check(const light_case_t *c)
     assert_int_equal(blob_open(bytes, size, &blob).code, RESULT_OK);
     assert_int_equal(scene_new(&blob, &lit.scene).code, RESULT_OK);
     lit.lights = lights_new(lit.scene);
-    tally_t *tallies = mem_zalloc(3, sizeof *tallies);
+    tally_t *tallies = mem_zalloc(4, sizeof *tallies);
     for (uint32_t i = 0; i < PLACES; i++) by_places(&lit, i, &tallies[0]);
+    for (uint32_t i = 0; i < PLACES; i++) by_first_places(&lit, i, &tallies[3]);
     for (uint32_t i = 0; i < RAYS; i++) by_rays(&lit, i, &tallies[1]);
     bool holds = tallies[0].sum[IRRADIANCE_RED] > 0;
     if (!holds) print_message("%s: no light\n", c->name);
@@ -347,6 +386,11 @@ static bool check(const light_case_t *c)
     holds = compare(c->name, "places and rays", &tallies[0], &tallies[1], IRRADIANCE_BLUE, IRRADIANCE_BLUE) &&
             holds;
     holds = compare(c->name, "places and rays", &tallies[0], &tallies[1], CROSSINGS, CROSSINGS) && holds;
+    for (int q = IRRADIANCE_RED; q <= IRRADIANCE_BLUE; q++)
+        holds = compare(c->name, "places and first places", &tallies[0], &tallies[3], q, q) && holds;
+    holds = compare(c->name, "densities of first places", &tallies[0], &tallies[3], FIRST_PLACE,
+                    FIRST_RAY - 1) &&
+            holds;
     if (c->flags & FOUND_BY_LOOKING) {
         for (uint32_t i = 0; i < LOOKS; i++) by_looking(&lit, i, &tallies[2]);
         const tally_t *a = &tallies[0], *b = &tallies[2];

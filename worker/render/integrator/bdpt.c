@@ -100,7 +100,8 @@ static void join_camera(bidirectional_t *b, const vertex_t *y)
     if (!sample_join_camera(b->sample, vertex_point(y), y->dimension, &view) || !vertex_eval(y, view.w, &fy))
         return;
     float r = view.density * vertex_area_cosine(y, view.w);
-    float weight = weight_of(b, mis_share(y, r, fy.pdf_rev));
+    float count = y->depth == 1 ? first_light_count(b->setup, b->source) : 1;
+    float weight = weight_of(b, mis_share_counted(y, r, fy.pdf_rev, count));
     float factor = vertex_cosine(y, view.w) * vertex_adjoint(y, view.w) * view.density;
     rgb_t value = v_scale(v_mul(y->throughput, fy.f), factor * weight);
     if (v_is_zero(value)) return;
@@ -113,34 +114,37 @@ static void join_camera(bidirectional_t *b, const vertex_t *y)
 
 /* s = 0: the eye subpath ran into a light, or into the sky. What is seen directly has no other strategy here:
  * t = 1 starts at s = 2. */
-static void hit_lights(bidirectional_t *b, const vertex_t *z)
+static void hit_lights(bidirectional_t *b, const walk_t *walk, const vertex_t *z)
 {
     if (!is_wanted(b, 0, z->depth + 1)) return;
     for (uint32_t k = 0; k < vertex_light_count(z, b->setup->lights); k++) {
         light_hit_t hit;
         if (!vertex_light_hit(z, b->setup->lights, k, &hit)) continue;
-        float weight = weight_of(b, z->depth == 1 ? 0 : mis_share(z, hit.pdf_place, hit.pdf_ray));
+        float count = walk->first ? first_light_count(b->setup, hit.light) : 1;
+        float share = z->depth == 1 ? 0 : mis_share_counted(z, hit.pdf_place, hit.pdf_ray, count);
+        float weight = weight_of(b, share);
         add_radiance(b, v_scale(v_mul(z->throughput, hit.radiance), weight), hit.light);
     }
 }
 
-/* s = 1: joins the eye vertex to a fresh place on a light. */
-static void join_light(bidirectional_t *b, const vertex_t *z)
+/* s = 1: joins the eye vertex to the k-th fresh place on a light. */
+static void join_light(bidirectional_t *b, const vertex_t *z, uint32_t k)
 {
     light_view_t light;
     bsdf_value_t fz;
-    sampler_t sampler = sample_stream(b->sample, z->dimension + DIMENSION_ILLUMINATE);
-    float choice = sampler_1d(&sampler), weight;
-    if (!lights_illuminate(b->setup->lights, vertex_point(z), choice, sampler_2d(&sampler), &light)) return;
+    float weight;
+    if (!vertex_view_light(z, b->sample, k, &light)) return;
     float r_eye = light.arrival * vertex_area_cosine(z, light.w);
     if (vertex_eval(z, light.w, &fz)) {
-        float light_share = light.delta ? 0 : square(fz.pdf * light.geometry / light.pdf_place);
-        weight = weight_of(b, light_share + mis_share(z, r_eye, fz.pdf_rev));
+        float counted = z->first ? first_light_worth * light.density : light.density;
+        float light_share = light.delta ? 0 : square(fz.pdf * light.geometry / counted);
+        float eye_share = mis_share(z, r_eye, fz.pdf_rev) * square(light.pdf_place / counted);
+        weight = weight_of(b, light_share + eye_share);
     } else if (z->depth > 1 || !vertex_eval_split(z, light.w, light.delta, light.pdf_place,
                                                   r_eye * sqrtf(z->inv_p2), &fz, &weight)) {
         return;
     }
-    float factor = vertex_cosine(z, light.w) * light.geometry / light.pdf_place * weight;
+    float factor = vertex_cosine(z, light.w) * light.geometry / light.density * weight;
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), light.radiance);
     if (v_is_zero(value)) return;
     int n = connections_add(&b->connections, vertex_exit(z, light.w), light.target, vertex_medium(z, light.w),
@@ -173,7 +177,9 @@ static void join_vertices(bidirectional_t *b, const vertex_t *z, const vertex_t 
 static void join_eye_vertex(bidirectional_t *b, const vertex_t *z)
 {
     int segments = setup_max_segments(b->setup);
-    if (is_wanted(b, 1, z->depth + 1)) join_light(b, z);
+    if (is_wanted(b, 1, z->depth + 1))
+        for (uint32_t k = 0; k < vertex_view_count(z, b->setup->lights); k++) join_light(b, z, k);
+    if (b->connections.segments.count == SCENE_PACKET) take_connections(b, false);
     for (int k = 0; k < b->light_count && z->depth + b->light[k].depth < segments; k++) {
         if (is_wanted(b, b->light[k].depth + 1, z->depth + 1)) join_vertices(b, z, &b->light[k]);
         if (b->connections.segments.count == SCENE_PACKET) take_connections(b, false);
@@ -210,7 +216,7 @@ static rgb_t bdpt_sample(sample_t *sample)
         vertex_t z;
         walk_arrive(&walk, sample, &z);
         if (!walk_weigh(&walk, &z)) break;
-        hit_lights(&b, &z);
+        hit_lights(&b, &walk, &z);
         if (z.kind == VERTEX_SKY || (i == segments && i > 1)) break;
         vertex_shade(&z, b.setup, walk.scattered);
         if (i == 1) vertex_first_hit(&z, sample, eye);

@@ -49,8 +49,14 @@ extern const integrator_ops_t integrator_bdpt, integrator_path, integrator_light
 
 /* Where the streams of random numbers of the two subpaths begin, and how many numbers (pairs) lie between one
  * vertex and the next. They alternate: dimensions never collide however long the paths, and those of the
- * first vertices of both, where stratification counts, come first. */
-enum { DIMENSION_EYE = 0, DIMENSION_LIGHT = 6, DIMENSION_STRIDE = 12 };
+ * first vertices of both, where stratification counts, come first. Before them come the places on lights that
+ * the first vertex to scatter is joined to. */
+enum {
+    DIMENSION_FIRST_LIGHTS = 0,
+    DIMENSION_EYE = LIGHTS_FIRST_MOST,
+    DIMENSION_LIGHT = DIMENSION_EYE + 6,
+    DIMENSION_STRIDE = 12
+};
 /* Of vertex 0 of the eye subpath. */
 enum { DIMENSION_FILTER = 0, DIMENSION_LENS = 1, DIMENSION_TIME = 2 };
 /* Of vertex i >= 1 of the eye subpath: a light's choice and place, and the scattering. */

@@ -11,18 +11,17 @@ static float power_heuristic(float pdf, float other)
     return 1 / (1 + ratio * ratio);
 }
 
-/* Radiance that a sampled place on a light sends over the vertex. */
-static rgb_t direct_light(sample_t *sample, const walk_t *walk, const vertex_t *z)
+/* Radiance that the k-th sampled place on a light sends over the vertex. */
+static rgb_t direct_light(sample_t *sample, const walk_t *walk, const vertex_t *z, uint32_t k)
 {
     light_view_t light;
     bsdf_value_t value;
-    sampler_t sampler = sample_stream(sample, z->dimension + DIMENSION_ILLUMINATE);
-    float choice = sampler_1d(&sampler), weight = 1;
-    if (!lights_illuminate(sample->setup->lights, vertex_point(z), choice, sampler_2d(&sampler), &light))
-        return vec3(0, 0, 0);
-    float pdf = light.pdf_place / light.geometry; /* per steradian */
+    float weight = 1;
+    if (!vertex_view_light(z, sample, k, &light)) return vec3(0, 0, 0);
+    float density = light.density / light.geometry; /* per steradian */
     if (vertex_eval(z, light.w, &value)) {
-        if (!light.delta) weight = power_heuristic(pdf, value.pdf);
+        float counted = z->first ? first_light_worth * density : density;
+        if (!light.delta) weight = power_heuristic(counted, value.pdf);
     } else {
         float distance2, seen = z->depth == 1 ? walk_density(walk, z, &distance2) : 0;
         float arrives = light.arrival * vertex_area_cosine(z, light.w);
@@ -30,7 +29,7 @@ static rgb_t direct_light(sample_t *sample, const walk_t *walk, const vertex_t *
             !vertex_eval_split(z, light.w, light.delta, light.pdf_place, arrives / seen, &value, &weight))
             return vec3(0, 0, 0);
     }
-    rgb_t result = v_scale(v_mul(value.f, light.radiance), vertex_cosine(z, light.w) / pdf * weight);
+    rgb_t result = v_scale(v_mul(value.f, light.radiance), vertex_cosine(z, light.w) / density * weight);
     if (v_is_zero(result)) return result;
     result = transmit(sample, vertex_exit(z, light.w), light.target, vertex_medium(z, light.w),
                       v_length(v_sub(light.target, vertex_point(z))), false, result);
@@ -52,7 +51,8 @@ static rgb_t emitted(sample_t *sample, const walk_t *walk, const vertex_t *z)
                             ? 1
                             : v_length2(v_sub(vertex_point(z), walk->point)) / vertex_area_cosine(z, z->wo);
         bool found = z->depth > 1 && walk->joinable;
-        float weight = found ? power_heuristic(walk->pdf, hit.pdf_place * measure) : 1;
+        float count = walk->first ? first_light_count(setup, hit.light) : 1;
+        float weight = found ? power_heuristic(walk->pdf, count * hit.pdf_place * measure) : 1;
         rgb_t radiance = v_scale(hit.radiance, weight);
         sum = v_add(sum, radiance);
         sample_lit(sample, hit.light, v_mul(z->throughput, radiance));
@@ -78,7 +78,8 @@ static rgb_t path_sample(sample_t *sample)
         if (i == 1) vertex_first_hit(&z, sample, eye);
         if (i >= segments) return radiance;
         if (vertex_is_joinable(&z) && !lights_empty(setup->lights))
-            radiance = v_add(radiance, v_mul(z.throughput, direct_light(sample, &walk, &z)));
+            for (uint32_t k = 0; k < vertex_view_count(&z, setup->lights); k++)
+                radiance = v_add(radiance, v_mul(z.throughput, direct_light(sample, &walk, &z, k)));
         if (!walk_scatter(&walk, sample, &z)) return radiance;
     }
 }

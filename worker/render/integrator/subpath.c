@@ -21,6 +21,7 @@ void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
     vertex->kind = hit ? VERTEX_SURFACE : VERTEX_SKY;
     vertex->mode = walk->mode;
     vertex->depth = ++walk->depth;
+    vertex->first = !walk->scattered;
     vertex->dimension = walk->dimension += DIMENSION_STRIDE;
     vertex->wo = v_neg(walk->direction);
     vertex->throughput = walk->throughput;
@@ -53,6 +54,7 @@ bool walk_scatter(walk_t *walk, const sample_t *sample, const vertex_t *vertex)
     walk->pdf = next.pdf;
     walk->pdf_rev = next.pdf_rev;
     walk->joinable = !next.specular;
+    walk->first = !walk->scattered;
     walk->scattered = walk->scattered || !next.specular;
     walk->parallel = false;
     walk->direction = next.wi;

@@ -70,7 +70,20 @@ typedef struct {
     bool joinable;       /* vertex i - 1 is not specular */
     bool parallel;       /* vertex i - 1 is at infinity, or the camera orthographic */
     bool scattered;      /* by something that is not specular */
+    bool first;          /* as of vertex i - 1 */
 } walk_t;
+
+/* Strata do more for the places that the first vertex draws on lights than for what the other strategies
+ * draw, which the power heuristic does not know. In weights each such place counts as so many (measured:
+ * docs/performance.md). */
+static const float first_light_worth = 2;
+
+/* How many places s = 1 draws for one of s >= 2 on this light, where the eye vertex that it joins is the
+ * first, in weights. */
+static inline float first_light_count(const setup_t *setup, uint32_t light)
+{
+    return first_light_worth * lights_first_ratio(setup->lights, light);
+}
 
 /* The eye subpath of the sample. Settles the sample's weight: where that is 0 nothing is to be seen. */
 static inline walk_t walk_from_camera(sample_t *sample, roulette_t roulette)
@@ -148,10 +161,16 @@ static inline bool walk_weigh(walk_t *walk, vertex_t *vertex)
 /* Scatters at the vertex. False when the subpath ends here. */
 bool walk_scatter(walk_t *walk, const sample_t *sample, const vertex_t *vertex);
 
-/* share_i of the vertex at the junction, all as above. */
+/* share_i of the vertex at the junction, all as above; `count`: how often the strategy next to this one draws
+ * for once of the others. */
+static inline float mis_share_counted(const vertex_t *vertex, float r, float q, float count)
+{
+    return square(r) * (square(count) * vertex->direct + square(q) * vertex->inner);
+}
+
 static inline float mis_share(const vertex_t *vertex, float r, float q)
 {
-    return square(r) * (vertex->direct + square(q) * vertex->inner);
+    return mis_share_counted(vertex, r, q, 1);
 }
 
 #endif

@@ -23,6 +23,7 @@ typedef struct {
     vertex_kind_t kind;
     transport_t mode;   /* of its subpath */
     int depth;          /* i */
+    bool first;         /* nothing but mirrors and clear glass lies between it and the subpath's start */
     uint32_t dimension; /* where its random numbers begin */
     vec3_t wo;          /* unit direction to vertex i - 1 */
     rgb_t throughput;   /* up to here, scattering at this vertex excluded */
@@ -114,6 +115,25 @@ static inline uint32_t vertex_light_count(const vertex_t *vertex, const lights_t
 }
 /* The k-th of them; false when it is dark. */
 bool vertex_light_hit(const vertex_t *vertex, const lights_t *lights, uint32_t k, light_hit_t *hit);
+
+/* Places on lights that the vertex of an eye subpath is joined to. */
+static inline uint32_t vertex_view_count(const vertex_t *vertex, const lights_t *lights)
+{
+    return vertex->first ? lights_first_count(lights) : 1;
+}
+/* Draws the k-th of them; false when it does not light the vertex. */
+static inline bool vertex_view_light(const vertex_t *vertex, const sample_t *sample, uint32_t k,
+                                     light_view_t *view)
+{
+    const lights_t *lights = sample->setup->lights;
+    sampler_t sampler = sample_stream(sample, vertex->dimension + DIMENSION_ILLUMINATE);
+    float choice = sampler_1d(&sampler);
+    if (!vertex->first)
+        return lights_illuminate(lights, vertex_point(vertex), choice, sampler_2d(&sampler), view);
+    uint32_t own = lights_are_all_asked(lights) ? k : 0;
+    vec2_t place = sample_2d(sample, DIMENSION_FIRST_LIGHTS + own);
+    return lights_illuminate_first(lights, k, vertex_point(vertex), choice, place, view);
+}
 
 /* Notes the vertex as what the eye ray from `origin` met first, for the samples whose features count. */
 void vertex_first_hit(const vertex_t *vertex, sample_t *sample, vec3_t origin);

@@ -9,25 +9,24 @@
 static const light_ops_t *const kinds[] = {LIGHT_KINDS(TABLE_ENTRY)};
 #undef TABLE_ENTRY
 
-typedef struct {
-    uint32_t light;
-    uint32_t primitive; /* triangle of the mesh; 0 for all else */
-} emitter_t;
+/* Where each light is not asked: a single one is asked so often, of more than can be asked so many are
+ * chosen. */
+enum { CHOSEN = 2 };
 
 struct lights {
     light_t *lights; /* [count] */
     uint32_t count;
-    emitter_t *emitters; /* [alias.count] */
-    alias_t alias;
+    alias_t alias; /* of all lights, by power */
     uint32_t *sky; /* [sky_count] those that are everywhere */
     uint32_t sky_count;
+    uint32_t asked[LIGHTS_FIRST_MOST]; /* [asked_count] the lights with power; none where they are more, or one */
+    uint32_t asked_count;
 };
 
-/* Prepares the lights; returns how many emitters they have. */
-static uint32_t place_lights(lights_t *lights, const scene_t *scene)
+/* Prepares the lights. */
+static void place_lights(lights_t *lights, const scene_t *scene)
 {
     const scene_blob_t *blob = scene_blob(scene);
-    uint64_t emitters = 0;
     vec3_t centre;
     float radius;
     scene_bounds(scene, &centre, &radius);
@@ -39,24 +38,25 @@ static uint32_t place_lights(lights_t *lights, const scene_t *scene)
         const light_ops_t *kind = kinds[light->record->kind];
         if (kind->prepare != NULL) light->state = kind->prepare(light);
         if (kind->escape != NULL) lights->sky[lights->sky_count++] = i;
-        emitters += light->record->kind == LIGHT_AREA ? light_area_primitives(light) : 1;
     }
-    return (uint32_t)emitters;
 }
 
-/* Lists the emitters with their weights. */
-static void list_emitters(lights_t *lights, double *weights)
+/* Notes the chance of each light, and which are asked one by one. */
+static void choose_lights(lights_t *lights)
 {
-    uint32_t next = 0;
-    for (uint32_t i = 0; i < lights->count; i++) {
-        const light_t *light = &lights->lights[i];
-        double power = kinds[light->record->kind]->power(light); /* of an area light per area */
-        uint32_t primitives = light->record->kind == LIGHT_AREA ? light_area_primitives(light) : 1;
-        for (uint32_t k = 0; k < primitives; k++, next++) {
-            lights->emitters[next] = (emitter_t){i, k};
-            weights[next] = light->record->kind == LIGHT_AREA ? power * light_area_of(light, k) : power;
-        }
+    double *powers = mem_zalloc((size_t)lights->count + 1, sizeof *powers);
+    uint32_t shining = 0;
+    for (uint32_t i = 0; i < lights->count; i++)
+        powers[i] = kinds[lights->lights[i].record->kind]->power(&lights->lights[i]);
+    alias_init(&lights->alias, powers, lights->count);
+    for (uint32_t i = 0; i < lights->count && !lights_empty(lights); i++) {
+        lights->lights[i].chance = (float)(powers[i] / lights->alias.total);
+        if (!(lights->lights[i].chance > 0)) continue;
+        if (shining < LIGHTS_FIRST_MOST) lights->asked[shining] = i;
+        shining++;
     }
+    lights->asked_count = shining > 1 && shining <= LIGHTS_FIRST_MOST ? shining : 0;
+    free(powers);
 }
 
 lights_t *lights_new(const scene_t *scene)
@@ -66,16 +66,8 @@ lights_t *lights_new(const scene_t *scene)
     lights->count = (uint32_t)blob->counts[BLOB_SECTION_LIGHTS];
     lights->lights = mem_zalloc((size_t)lights->count + 1, sizeof *lights->lights);
     lights->sky = mem_zalloc((size_t)lights->count + 1, sizeof *lights->sky);
-    uint32_t emitters = place_lights(lights, scene);
-    lights->emitters = mem_zalloc((size_t)emitters + 1, sizeof *lights->emitters);
-    double *weights = mem_zalloc((size_t)emitters + 1, sizeof *weights);
-    list_emitters(lights, weights);
-    alias_init(&lights->alias, weights, emitters);
-    free(weights);
-    for (uint32_t i = 0; i < lights->count && !lights_empty(lights); i++) {
-        light_t *light = &lights->lights[i];
-        light->chance = (float)(kinds[light->record->kind]->power(light) / lights->alias.total);
-    }
+    place_lights(lights, scene);
+    choose_lights(lights);
     return lights;
 }
 
@@ -89,7 +81,6 @@ void lights_destroy(lights_t **lights)
     }
     alias_free(&self->alias);
     free(self->lights);
-    free(self->emitters);
     free(self->sky);
     free(self);
     *lights = NULL;
@@ -102,18 +93,63 @@ bool lights_empty(const lights_t *lights)
 
 bool lights_emit(const lights_t *lights, float choice, vec2_t place, vec2_t ray, light_ray_t *out)
 {
-    emitter_t emitter = lights->emitters[alias_sample(&lights->alias, &choice)];
-    const light_t *light = &lights->lights[emitter.light];
-    *out = (light_ray_t){.light = emitter.light, .cosine = 1};
-    return kinds[light->record->kind]->emit(light, emitter.primitive, place, ray, out);
+    uint32_t number = alias_sample(&lights->alias, &choice);
+    const light_t *light = &lights->lights[number];
+    *out = (light_ray_t){.light = number, .cosine = 1};
+    return kinds[light->record->kind]->emit(light, choice, place, ray, out);
+}
+
+/* `ratio` as lights_first_ratio. */
+static bool ask(const lights_t *lights, uint32_t number, float ratio, vec3_t point, float choice,
+                vec2_t place, light_view_t *out)
+{
+    const light_t *light = &lights->lights[number];
+    *out = (light_view_t){.light = number};
+    if (!kinds[light->record->kind]->illuminate(light, choice, point, place, out)) return false;
+    out->density = out->pdf_place * ratio;
+    return true;
 }
 
 bool lights_illuminate(const lights_t *lights, vec3_t point, float choice, vec2_t place, light_view_t *out)
 {
-    emitter_t emitter = lights->emitters[alias_sample(&lights->alias, &choice)];
-    const light_t *light = &lights->lights[emitter.light];
-    *out = (light_view_t){.light = emitter.light};
-    return kinds[light->record->kind]->illuminate(light, emitter.primitive, point, place, out);
+    uint32_t number = alias_sample(&lights->alias, &choice);
+    return ask(lights, number, 1, point, choice, place, out);
+}
+
+bool lights_are_all_asked(const lights_t *lights)
+{
+    return lights->asked_count > 0;
+}
+
+uint32_t lights_first_count(const lights_t *lights)
+{
+    return lights_are_all_asked(lights) ? lights->asked_count : CHOSEN;
+}
+
+float lights_first_ratio(const lights_t *lights, uint32_t light)
+{
+    return lights_are_all_asked(lights) ? 1 / lights->lights[light].chance : CHOSEN;
+}
+
+/* Moves a number within [0, 1), round its end. */
+static float shift(float u, float by)
+{
+    return u + by < 1 ? u + by : u + by - 1;
+}
+
+bool lights_illuminate_first(const lights_t *lights, uint32_t k, vec3_t point, float choice, vec2_t place,
+                             light_view_t *out)
+{
+    uint32_t number;
+    if (lights_are_all_asked(lights)) {
+        number = lights->asked[k];
+    } else {
+        float by = (float)k / CHOSEN;
+        choice = shift(choice, by);
+        place = (vec2_t){shift(place.x, by), shift(place.y, by)};
+        number = alias_sample(&lights->alias, &choice);
+    }
+    return ask(lights, number, lights_first_ratio(lights, number), point, choice, place, out);
 }
 
 bool lights_hit(const lights_t *lights, const surface_t *surface, vec3_t wo, light_hit_t *out)

@@ -1,4 +1,5 @@
-/* light: the emitters of a scene, chosen in proportion to their power.
+/* light: the emitters of a scene, chosen in proportion to their power. Where an eye subpath first
+ * scatters, each of a few lights is asked.
  *
  * Three questions are asked of the lights, one for each way in which a path can end on one:
  *   s >= 2, lights_emit: draw the start of a light subpath;
@@ -8,9 +9,12 @@
  * place of a light that has no extent (counted, not measured: `delta`). A surface may be `delta`, too, when
  * it lets all rays through: then places on it are measured by area, but no eye subpath runs into one.
  *
- * What is chosen is an emitter: one triangle of an emissive mesh, or a whole light of another kind; an alias
- * table makes the choice O(1). Since a triangle is chosen in proportion to area x luminance and then sampled
- * uniformly by area, the density per area at a point depends on its light alone.
+ * An alias table makes the choice O(1). The light then draws a place: an emissive mesh uniformly by area, so
+ * that the density per area at a point depends on its light alone.
+ *
+ * Most of what one sees is lit directly, and the first vertex of an eye subpath that scatters by more than
+ * mirrors and clear glass is where that shows. For it lights_illuminate_first draws several places, one on each
+ * light where they are few. So they are denser there (`density`), and weights must know it.
  *
  * A new kind of light is one file light_*.c and one entry in LIGHT_KINDS below.
  */
@@ -50,6 +54,7 @@ typedef struct {
     vec3_t target;   /* where the segment to it ends, off the light already */
     rgb_t radiance;  /* towards the point; of a point light the intensity */
     float pdf_place; /* as in light_ray_t */
+    float density;   /* of all places that are drawn for the point: how many of them to expect, per measure */
     float geometry; /* from solid angle at the point to the measure of places: cos / d^2 on a surface, 1 / d^2
                        of a point, 1 at infinity */
     float arrival;  /* density, per area across it, of the rays that lights_emit sends this way to the point,
@@ -69,6 +74,17 @@ typedef struct {
 bool lights_emit(const lights_t *lights, float choice, vec2_t place, vec2_t ray, light_ray_t *out);
 /* Draws a place that may light the point; false when it does not. */
 bool lights_illuminate(const lights_t *lights, vec3_t point, float choice, vec2_t place, light_view_t *out);
+/* How many places the first such vertex is joined to, at most LIGHTS_FIRST_MOST. */
+enum { LIGHTS_FIRST_MOST = 8 };
+uint32_t lights_first_count(const lights_t *lights);
+/* True when each lies on a light of its own. */
+bool lights_are_all_asked(const lights_t *lights);
+/* Draws the k-th of them, as lights_illuminate. Where not all lights are asked, the numbers are to be the same
+ * for each k: places drawn by shifted numbers keep apart. */
+bool lights_illuminate_first(const lights_t *lights, uint32_t k, vec3_t point, float choice, vec2_t place,
+                             light_view_t *out);
+/* `density` over `pdf_place` of these, on this light. */
+float lights_first_ratio(const lights_t *lights, uint32_t light);
 /* The light surface->light seen from the unit direction wo; false when it is dark. */
 bool lights_hit(const lights_t *lights, const surface_t *surface, vec3_t wo, light_hit_t *out);
 /* How many lights fill the sky. */
@@ -90,7 +106,7 @@ typedef struct {
     void *state;
     vec3_t centre; /* of a sphere about the scene */
     float radius;
-    float chance; /* of a whole light being chosen; of an area light chance per unit of its area */
+    float chance; /* of being chosen */
 } light_t;
 
 typedef struct {
@@ -99,10 +115,10 @@ typedef struct {
     void (*release)(void *state);
     /* Its flux, in any unit that all kinds share (luminance x area x steradians). */
     double (*power)(const light_t *light);
-    /* As lights_emit and lights_illuminate, with chance taken account of; `primitive` is the triangle. */
-    bool (*emit)(const light_t *light, uint32_t primitive, vec2_t place, vec2_t ray, light_ray_t *out);
-    bool (*illuminate)(const light_t *light, uint32_t primitive, vec3_t point, vec2_t place,
-                       light_view_t *out);
+    /* As lights_emit and lights_illuminate, with chance taken account of; `choice` is a number that is free
+     * again. */
+    bool (*emit)(const light_t *light, float choice, vec2_t place, vec2_t ray, light_ray_t *out);
+    bool (*illuminate)(const light_t *light, float choice, vec3_t point, vec2_t place, light_view_t *out);
     /* As lights_escape; NULL for lights that are not of the sky. */
     bool (*escape)(const light_t *light, vec3_t point, vec3_t w, light_hit_t *out);
     /* As lights_enter; NULL for lights that have no portals. */
@@ -124,8 +140,5 @@ LIGHT_KINDS(LIGHT_DECLARE)
 
 /* An area light that a path ran into: as lights_hit. */
 bool light_area_hit(const light_t *light, const surface_t *surface, vec3_t wo, light_hit_t *out);
-/* Emitters that an area light consists of, and the area of each. */
-uint32_t light_area_primitives(const light_t *light);
-double light_area_of(const light_t *light, uint32_t primitive);
 
 #endif

@@ -1,7 +1,9 @@
 /* light_area: diffuse emission of a shape, on one side or both, the same everywhere or by a texture.
  *
- * Triangles are chosen in proportion to their area and sampled uniformly; quadrics are sampled uniformly in
- * their own space. Where the shape lets rays through (alpha), as much of the emission is missing. A light
+ * Points of a mesh are drawn uniformly by area. The triangle is chosen by stretching one of the numbers that
+ * then draw the point, so that places drawn by well stratified numbers are well stratified, too; among many
+ * triangles too little of the number would be left, and they are chosen by a number of their own. Quadrics are
+ * sampled uniformly in their own space. Where the shape lets rays through (alpha), as much of the emission is missing. A light
  * that is unseen lets all rays through, and has all of its emission: no subpath runs into it, as into one
  * without extent. A picture lights nothing: it has no power, so that it is never chosen.
  *
@@ -10,6 +12,7 @@
  */
 #include "worker/render/light/light.h"
 
+#include "worker/render/sampling/alias.h"
 #include "worker/render/sampling/warp.h"
 
 #include <stdlib.h>
@@ -19,9 +22,16 @@ typedef struct {
     vec3_t n; /* of unit length, along e1 x e2; where the shape is flipped, the other way */
 } triangle_t;
 
+/* Up to so many triangles are chosen by stretching. */
+enum { STRETCHED_MOST = 64 };
+
 typedef struct {
     const blob_shape_t *shape;
     const quadric_t *quadric; /* NULL: a mesh */
+    double area;
+    uint32_t count;                   /* of triangles */
+    float up_to[STRETCHED_MOST];      /* share of the area of triangles 0 ... i; where they are few */
+    alias_t alias;                    /* where they are many */
     bool plain;               /* emits the same everywhere, and nothing shines through */
     bool curved;              /* has vertex normals, which tell the side */
     triangle_t triangles[];
@@ -50,6 +60,22 @@ static bool is_unseen(const light_t *light)
     return light->record->flags & LIGHT_UNSEEN;
 }
 
+static double triangle_area(const triangle_t *t)
+{
+    return 0.5 * (double)v_length(v_cross(t->e1, t->e2));
+}
+
+/* Shares out the area among the triangles, for their choice. */
+static void share_out(area_state_t *state)
+{
+    double *areas = mem_alloc((state->count + 1) * sizeof *areas), sum = 0;
+    for (uint32_t i = 0; i < state->count; i++) state->area += areas[i] = triangle_area(&state->triangles[i]);
+    if (state->count > STRETCHED_MOST) alias_init(&state->alias, areas, state->count);
+    for (uint32_t i = 0; i < state->count && state->count <= STRETCHED_MOST && state->area > 0; i++)
+        state->up_to[i] = (float)((sum += areas[i]) / state->area);
+    free(areas);
+}
+
 static void *prepare(const light_t *light)
 {
     const scene_blob_t *blob = scene_blob(light->scene);
@@ -58,6 +84,7 @@ static void *prepare(const light_t *light)
     uint32_t count = mesh != NULL ? mesh->triangle_count : 0;
     area_state_t *state = mem_zalloc(1, sizeof *state + count * sizeof *state->triangles);
     state->shape = shape;
+    state->count = count;
     bool opaque = is_unseen(light) || (shape->alpha.texture == 0 && shape->alpha.factor.x >= 1);
     state->plain = light->record->radiance.texture == 0 && opaque;
     state->curved = mesh != NULL && mesh->first_normal != BLOB_NONE;
@@ -70,7 +97,17 @@ static void *prepare(const light_t *light)
         t->n = v_normalize(v_cross(t->e1, t->e2));
         if (!state->curved && shape->flags & SHAPE_FLIP) t->n = v_neg(t->n);
     }
+    if (state->quadric != NULL)
+        state->area = state->quadric->area;
+    else
+        share_out(state);
     return state;
+}
+
+static void release(void *state)
+{
+    alias_free(&((area_state_t *)state)->alias);
+    free(state);
 }
 
 /* ---- power --------------------------------------------------------------------------------------------- */
@@ -91,25 +128,11 @@ static rgb_t mean_radiance(const light_t *light)
     return v_add(v_scale(sum, 1.0f / (SIDE * SIDE)), v_scale(value->factor, 1e-3f));
 }
 
-/* Per area. */
 static double power(const light_t *light)
 {
     if (light->record->flags & LIGHT_PICTURE) return 0;
-    return M_PI * (double)rgb_luminance(mean_radiance(light)) * (is_two_sided(light) ? 2 : 1);
-}
-
-uint32_t light_area_primitives(const light_t *light)
-{
-    const blob_shape_t *shape = state_of(light)->shape;
-    return shape->kind == SHAPE_MESH ? scene_blob(light->scene)->meshes[shape->geometry].triangle_count : 1;
-}
-
-double light_area_of(const light_t *light, uint32_t primitive)
-{
-    const area_state_t *state = state_of(light);
-    if (state->quadric != NULL) return state->quadric->area;
-    const triangle_t *t = &state->triangles[primitive];
-    return 0.5 * (double)v_length(v_cross(t->e1, t->e2));
+    return state_of(light)->area * M_PI * (double)rgb_luminance(mean_radiance(light)) *
+           (is_two_sided(light) ? 2 : 1);
 }
 
 /* ---- places -------------------------------------------------------------------------------------------- */
@@ -126,30 +149,48 @@ static bool is_turned(const light_t *light, uint32_t primitive, vec2_t b, vec3_t
     return v_dot(ns, n) < 0;
 }
 
-static void sample_triangle(const light_t *light, uint32_t primitive, vec2_t u, spot_t *spot)
+/* Density of the places of a mesh, per area. */
+static float mesh_density(const light_t *light)
+{
+    return light->chance * (float)(1 / state_of(light)->area);
+}
+
+/* A triangle in proportion to its area. Stretches the number that chose it to [0, 1) again. */
+static uint32_t choose_triangle(const area_state_t *state, float choice, float *u)
+{
+    if (state->count > STRETCHED_MOST) return alias_sample(&state->alias, &choice);
+    uint32_t i = 0;
+    while (i + 1 < state->count && *u >= state->up_to[i]) i++;
+    float low = i > 0 ? state->up_to[i - 1] : 0;
+    *u = float_clamp((*u - low) / (state->up_to[i] - low), 0, 0x1.fffffep-1f);
+    return i;
+}
+
+static void sample_triangle(const light_t *light, float choice, vec2_t u, spot_t *spot)
 {
     const area_state_t *state = state_of(light);
+    uint32_t primitive = choose_triangle(state, choice, &u.x);
     const triangle_t *t = &state->triangles[primitive];
     vec2_t b = warp_triangle(u);
     *spot = (spot_t){.p = v_add(t->corner, v_add(v_scale(t->e1, b.x), v_scale(t->e2, b.y))),
                      .n = t->n,
-                     .pdf = light->chance,
+                     .pdf = mesh_density(light),
                      .primitive = primitive,
                      .place = b};
     if (state->curved && is_turned(light, primitive, b, t->n)) spot->n = v_neg(t->n);
 }
 
-/* Density at a point of a quadric: chance is per area, as if the density were uniform. */
+/* The same at a point of a quadric. */
 static float quadric_density(const light_t *light, const quadric_t *quadric, const quadric_point_t *point)
 {
-    return light->chance * (float)quadric->area * quadric_pdf(quadric, point);
+    return light->chance * quadric_pdf(quadric, point);
 }
 
-static void sample_spot(const light_t *light, uint32_t primitive, vec2_t u, spot_t *spot)
+static void sample_spot(const light_t *light, float choice, vec2_t u, spot_t *spot)
 {
     const area_state_t *state = state_of(light);
     if (state->quadric == NULL) {
-        sample_triangle(light, primitive, u, spot);
+        sample_triangle(light, choice, u, spot);
         return;
     }
     quadric_point_t point;
@@ -206,10 +247,10 @@ static vec3_t offset(const spot_t *spot, vec3_t direction)
 /* ---- the three ways -------------------------------------------------------------------------------------
  */
 
-static bool emit(const light_t *light, uint32_t primitive, vec2_t place, vec2_t ray, light_ray_t *out)
+static bool emit(const light_t *light, float choice, vec2_t place, vec2_t ray, light_ray_t *out)
 {
     spot_t spot;
-    sample_spot(light, primitive, place, &spot);
+    sample_spot(light, choice, place, &spot);
     float side = 1;
     if (is_two_sided(light)) {
         side = ray.x < 0.5f ? 1 : -1;
@@ -230,11 +271,10 @@ static bool emit(const light_t *light, uint32_t primitive, vec2_t place, vec2_t 
     return !v_is_zero(out->throughput);
 }
 
-static bool illuminate(const light_t *light, uint32_t primitive, vec3_t point, vec2_t place,
-                       light_view_t *out)
+static bool illuminate(const light_t *light, float choice, vec3_t point, vec2_t place, light_view_t *out)
 {
     spot_t spot;
-    sample_spot(light, primitive, place, &spot);
+    sample_spot(light, choice, place, &spot);
     vec3_t d = v_sub(spot.p, point);
     float distance2 = v_length2(d);
     if (!(distance2 > 0)) return false;
@@ -255,10 +295,11 @@ bool light_area_hit(const light_t *light, const surface_t *surface, vec3_t wo, l
     float cosine = v_dot(surface->ng, wo);
     if (cosine <= 0 && !is_two_sided(light)) return false;
     out->radiance = radiance_at(light, surface, true);
-    out->pdf_place = light->chance;
     out->pdf_ray = ray_pdf(light, cosine);
     const quadric_t *quadric = state_of(light)->quadric;
-    if (quadric != NULL) {
+    if (quadric == NULL) {
+        out->pdf_place = mesh_density(light);
+    } else {
         quadric_point_t point;
         quadric_at(quadric, surface->p, &point);
         out->pdf_place = quadric_density(light, quadric, &point);
@@ -266,4 +307,4 @@ bool light_area_hit(const light_t *light, const surface_t *surface, vec3_t wo, l
     return !v_is_zero(out->radiance);
 }
 
-const light_ops_t light_area = {prepare, free, power, emit, illuminate, NULL, NULL};
+const light_ops_t light_area = {prepare, release, power, emit, illuminate, NULL, NULL};

@@ -87,16 +87,16 @@ static double flux(const light_t *light, double steradians)
 
 /* Every kind has the same pair of functions about its beam. */
 #define DEFINE_WAYS(name)                                                                                    \
-    static bool name##_emit(const light_t *light, uint32_t primitive, vec2_t place, vec2_t ray,              \
+    static bool name##_emit(const light_t *light, float choice, vec2_t place, vec2_t ray,              \
                             light_ray_t *out)                                                                \
     {                                                                                                        \
-        (void)primitive, (void)place;                                                                        \
+        (void)choice, (void)place;                                                                        \
         return emit(light, &name##_beam, ray, out);                                                          \
     }                                                                                                        \
-    static bool name##_illuminate(const light_t *light, uint32_t primitive, vec3_t point, vec2_t place,      \
+    static bool name##_illuminate(const light_t *light, float choice, vec3_t point, vec2_t place,      \
                                   light_view_t *out)                                                         \
     {                                                                                                        \
-        (void)primitive, (void)place;                                                                        \
+        (void)choice, (void)place;                                                                        \
         return illuminate(light, &name##_beam, point, out);                                                  \
     }
 

@@ -78,9 +78,9 @@ static void look_at(const light_t *light, vec3_t point, vec3_t w, light_view_t *
 
 /* ---- distant ------------------------------------------------------------------------------------------- */
 
-static bool distant_emit(const light_t *light, uint32_t primitive, vec2_t place, vec2_t ray, light_ray_t *out)
+static bool distant_emit(const light_t *light, float choice, vec2_t place, vec2_t ray, light_ray_t *out)
 {
-    (void)primitive, (void)place;
+    (void)choice, (void)place;
     start_ray(light, state_of(light)->towards, ray, out);
     out->pdf_place = light->chance;
     out->delta = true;
@@ -88,10 +88,10 @@ static bool distant_emit(const light_t *light, uint32_t primitive, vec2_t place,
     return true;
 }
 
-static bool distant_illuminate(const light_t *light, uint32_t primitive, vec3_t point, vec2_t place,
+static bool distant_illuminate(const light_t *light, float choice, vec3_t point, vec2_t place,
                                light_view_t *out)
 {
-    (void)primitive, (void)place;
+    (void)choice, (void)place;
     look_at(light, point, state_of(light)->towards, out);
     out->radiance = light->record->radiance.factor;
     out->pdf_place = light->chance;
@@ -164,10 +164,10 @@ static bool portal_emit(const light_t *light, vec2_t place, vec2_t ray, light_ra
     return !v_is_zero(out->throughput);
 }
 
-static bool infinite_emit(const light_t *light, uint32_t primitive, vec2_t place, vec2_t ray,
+static bool infinite_emit(const light_t *light, float choice, vec2_t place, vec2_t ray,
                           light_ray_t *out)
 {
-    (void)primitive;
+    (void)choice;
     if (has_portal(light)) return portal_emit(light, place, ray, out);
     vec3_t w = infinite_draw(light, place, &out->pdf_place);
     if (!(out->pdf_place > 0)) return false;
@@ -202,10 +202,10 @@ static bool portal_illuminate(const light_t *light, vec3_t point, vec2_t place, 
     return !v_is_zero(out->radiance);
 }
 
-static bool infinite_illuminate(const light_t *light, uint32_t primitive, vec3_t point, vec2_t place,
+static bool infinite_illuminate(const light_t *light, float choice, vec3_t point, vec2_t place,
                                 light_view_t *out)
 {
-    (void)primitive;
+    (void)choice;
     if (has_portal(light)) return portal_illuminate(light, point, place, out);
     vec3_t w = infinite_draw(light, place, &out->pdf_place);
     if (!(out->pdf_place > 0)) return false;
