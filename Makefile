@@ -12,7 +12,7 @@ Q       := $(if $(V),,@)
 BASELINE := -march=x86-64-v3 -mtune=skylake -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
 PACKAGES := expat libmicrohttpd libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg libwebp draco OpenEXR jansson sqlite3 libcurl libmurmurhash
-ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos census check check-fast demo asan tsan fuzz chaos hostile valgrind container-check sim bench bench-error bench-environment bench-merge bench-farm bench-watch bench-link bench-large bench-textures bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
+ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos census check check-fast demo asan tsan fuzz chaos hostile valgrind container-check sim bench bench-plot bench-mesh bench-error bench-environment bench-merge bench-farm bench-watch bench-link bench-large bench-textures bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 ifneq ($(.SHELLSTATUS),0)
 $(error $(strip $(foreach package,$(PACKAGES),$(if $(shell pkg-config --exists $(package) && echo yes),,$(package)))) is missing: run make deps)
@@ -44,7 +44,7 @@ PROGRAMS := $(BUILD)/lightmill $(BUILD)/lightmill-master $(BUILD)/lightmill-work
 TEST_SRC := $(sort $(shell find tests/unit -name "*.c" 2>/dev/null) $(wildcard tests/statistics/*.c tests/farm/*.c))
 TESTS    := $(patsubst tests/%.c,$(BUILD)/tests/%,$(filter tests/%,$(shell grep -l '^int main' $(TEST_SRC) /dev/null 2>/dev/null)))
 # Not of C: the page in a browser; Prometheus, the Python package, and farms with peers of the second implementation.
-PYTHON_TESTS := $(patsubst %.py,$(BUILD)/%,$(wildcard tests/farm/test_*.py))
+PYTHON_TESTS := $(patsubst %.py,$(BUILD)/%,$(wildcard tests/farm/test_*.py tests/unit/tests/test_*.py))
 TESTS    += $(BUILD)/tests/page/test_page $(PYTHON_TESTS)
 
 all: $(PROGRAMS)
@@ -122,6 +122,8 @@ $(BUILD)/tests/page/test_page: tests/page/test_page.sh tests/page/install.sh doc
 $(PYTHON_TESTS): $(BUILD)/%: %.py | $(PROGRAMS)
 	@mkdir -p $(@D)
 	$(Q)install -m 755 $< $@
+
+$(BUILD)/tests/unit/tests/test_performance: | $(BUILD)/tests/bench/bench_embree
 
 # The messages, for tests/kit.
 KIT_TESTS  := $(filter $(BUILD)/tests/farm/test_kit%,$(PYTHON_TESTS))
@@ -264,10 +266,24 @@ sim: deps-test
 	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/sim/main
 	$(BUILD)/tests/sim/main $(SIM)
 
+# The table of docs/performance.md: REFERENCES=FOLDER SEEDS=2 SPP=64 INTEGRATORS=bdpt,path SCENES="cornell caustic".
+PERFORMANCE = tests/bench/performance.py --build $(BUILD) $(REFERENCES:%=--references %) $(SEEDS:%=--seeds %)
 bench: deps-test
-	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_render $(BUILD)/tests/bench/bench_mesh
+	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_embree
+	$(PERFORMANCE) $(if $(SPP),--spp "$(SPP)") $(if $(INTEGRATORS),--integrators "$(INTEGRATORS)") $(SCENES)
+
+# Its plot: about five minutes on two cores.
+bench-plot: SPP         ?= 4,16,64,256
+bench-plot: INTEGRATORS ?= bdpt,path
+bench-plot: SCENES      ?= cornell seed-hidden caustic materials
+bench-plot: deps-test
+	$(SUBMAKE) $(JOBS) all $(BUILD)/tests/bench/bench_embree
+	$(PERFORMANCE) --spp "$(SPP)" --integrators "$(INTEGRATORS)" --plot docs/performance.svg $(SCENES)
+
+# Time and memory that a mesh of a million triangles takes.
+bench-mesh: deps-test
+	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_mesh
 	$(BUILD)/tests/bench/bench_mesh
-	$(BUILD)/tests/bench/bench_render
 
 # What docs/convergence.md says of --error: about five minutes on two cores.
 bench-error: deps-test
@@ -395,7 +411,9 @@ help:
 	@echo "make census DIR=...  imports every scene below a folder, and prints a table of what comes in"
 	@echo "make sim        a real master and 500 simulated workers for three minutes: what one master takes"
 	@echo "make container-check  build the images of docker/Dockerfile, render a job through them (root)"
-	@echo "make bench      error and speed of the renderer against the figures of pbrt-v3"
+	@echo "make bench      error and CPU time of the renderer against pbrt-v3's: REFERENCES, SEEDS, SPP, INTEGRATORS, SCENES"
+	@echo "make bench-plot   error against CPU time for four scenes: docs/performance.svg"
+	@echo "make bench-mesh   time and memory for a mesh of a million triangles"
 	@echo "make bench-error  jobs that end by --error: is it the error?"
 	@echo "make bench-environment  --environment against a dome of triangles with the same image"
 	@echo "make bench-merge  how fast a master merges, as a share of memcpy"
@@ -413,5 +431,5 @@ help:
 	@echo "make compdb     compile_commands.json for editors"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all census check check-fast bench bench-error bench-environment bench-codec tests fast-tests run-tests asan tsan fuzz demo pictures deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm bench-watch bench-link bench-large bench-textures chaos chaos-programs hostile valgrind deps-test
+.PHONY: all census check check-fast bench bench-plot bench-mesh bench-error bench-environment bench-codec tests fast-tests run-tests asan tsan fuzz demo pictures deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm bench-watch bench-link bench-large bench-textures chaos chaos-programs hostile valgrind deps-test
 .SECONDARY:
