@@ -65,7 +65,7 @@ static void on_hello(void *self, peer_server_t *server, const wire_message_t *me
         peer_refuse(server, message, result);
         return;
     }
-    char *capabilities[] = {"raw", "planes"};
+    char *capabilities[] = {"raw", "planes", "streams"};
     welcome.protocol_version = WIRE_VERSION;
     welcome.software = control->software;
     welcome.heartbeat_ms = milliseconds(options->heartbeat);

@@ -10,7 +10,7 @@
 #include <string.h>
 #include <zstd.h>
 
-enum { PIECE_WORDS = PAYLOAD_PIECE / 64, SMALL_PLANES = 7, VALUE_BITS = 63 };
+enum { PIECE_WORDS = PAYLOAD_PIECE / 64, SMALL_BITS = 55, VALUE_BITS = 63 };
 
 /* What is left of a frame or a band. */
 typedef struct {
@@ -18,28 +18,36 @@ typedef struct {
     size_t size;
 } input_t;
 
+/* Values of a band that share their planes. */
+typedef struct {
+    size_t next; /* in the planes */
+    int plane_count;
+} stream_t;
+
 struct payload_reader {
     const sum_layout_t *layout;
     size_t size;
     bool damaged;
     size_t values; /* that must come out */
     input_t rest;  /* of the frame: bands, or raw values */
-    bool raw;
+    uint8_t codec;
     const uint8_t *table; /* u32 bytes of each band */
     size_t band_count, next_band;
 
     /* The band at hand: its planes are decompressed. */
     band_t band;
-    size_t next_pixel; /* in the band; == band.pixels: no band is at hand */
-    size_t next_value; /* in the planes */
-    int plane_count;
+    size_t next_pixel;                 /* in the band; == band.pixels: no band is at hand */
+    stream_t streams[STREAMS];         /* their values lie one after the other in the planes */
+    size_t next_index;                 /* in the index */
     uint64_t before[SUM_GROUP_VALUES]; /* where differences are coded: the pixel before */
 
     uint64_t mask[BAND_PIXELS / 64];
     uint64_t all_marked[PIECE_WORDS];
     int64_t piece[PAYLOAD_PIECE_VALUES];
-    int64_t unfolded[PAYLOAD_PIECE_VALUES]; /* from differences */
+    int64_t apart[PAYLOAD_PIECE_VALUES]; /* the same values by streams */
     uint8_t planes[PLANES][BAND_VALUES];
+    colour_t colours[1 + MAX_COLOURS]; /* from 1 on; 0: none */
+    uint8_t index[BAND_PIXELS];        /* the colour of each pixel that is marked */
     ZSTD_DCtx *decompressor;
 };
 
@@ -49,6 +57,7 @@ payload_reader_t *payload_reader_new(void)
     if (reader == NULL) return NULL;
     reader->decompressor = ZSTD_createDCtx();
     memset(reader->all_marked, 0xff, sizeof reader->all_marked);
+    reader->colours[0] = (colour_t){0};
     if (reader->decompressor != NULL) return reader;
     free(reader);
     return NULL;
@@ -81,7 +90,7 @@ static const uint8_t *input_take(input_t *in, size_t size)
 }
 
 /* Checks a compressed frame's sizes against the number of values that must come out. */
-static bool open_planes(payload_reader_t *reader)
+static bool open_bands(payload_reader_t *reader)
 {
     reader->band_count = get_u32(reader->rest.bytes - 4);
     if (reader->band_count != band_count(reader->layout, reader->values)) return false;
@@ -113,10 +122,10 @@ result_t payload_open(payload_reader_t *reader, const zmq_msg_t *payload, sum_ki
     reader->band = (band_t){0};
     if (reader->size == 0 && (values == 0 || reader->layout->frame)) return result_ok();
     const uint8_t *header = input_take(&reader->rest, FRAME_HEADER);
-    reader->raw = header != NULL && header[0] == CODEC_RAW;
-    bool planes = header != NULL && header[0] == CODEC_PLANES;
-    if (values > 0 && ((reader->raw && open_raw(reader)) || (planes && open_planes(reader))))
-        return result_ok();
+    reader->codec = header != NULL ? header[0] : CODEC_NONE;
+    bool raw = reader->codec == CODEC_RAW,
+         bands = reader->codec == CODEC_PLANES || reader->codec == CODEC_STREAMS;
+    if (values > 0 && ((raw && open_raw(reader)) || (bands && open_bands(reader)))) return result_ok();
     return result_fail(RESULT_PROTOCOL, "the %s payload of %zu bytes cannot hold %zu values",
                        reader->layout->name, reader->size, values);
 }
@@ -148,24 +157,72 @@ static size_t mask_count(const uint64_t *mask, size_t pixels)
     return last >> (pixels % 64) ? SIZE_MAX : count + (size_t)__builtin_popcountll(last);
 }
 
+/* Decodes a stream of so many values, which lie in the planes from `first` on. */
+static bool decode_stream(payload_reader_t *reader, input_t *in, stream_t *stream, size_t first, size_t count)
+{
+    const uint8_t *planes = input_take(in, 1);
+    *stream = (stream_t){.next = first};
+    if (planes == NULL || *planes > PLANES) return false;
+    for (; stream->plane_count < *planes; stream->plane_count++)
+        if (!decode_block(reader, in, reader->planes[stream->plane_count] + first, count)) return false;
+    return true;
+}
+
+/* Decodes the colours and which pixels have them; counts those without in *unknown. */
+static bool decode_colours(payload_reader_t *reader, input_t *in, size_t marked, size_t *unknown)
+{
+    const uint8_t *number = input_take(in, 1);
+    if (number == NULL || *number > MAX_COLOURS) return false;
+    for (int i = 1; i <= *number; i++)
+        for (int c = 0; c < 2; c++) {
+            const uint8_t *share = input_take(in, 4);
+            if (share == NULL) return false;
+            reader->colours[i].of_red[c] = get_u32(share);
+        }
+    if (*number == 0)
+        memset(reader->index, 0, marked);
+    else if (!decode_block(reader, in, reader->index, marked))
+        return false;
+    uint8_t largest = 0;
+    *unknown = 0;
+    for (size_t i = 0; i < marked; i++) {
+        if (reader->index[i] > largest) largest = reader->index[i];
+        *unknown += reader->index[i] == 0;
+    }
+    return largest <= *number;
+}
+
+/* Decodes the streams of a band, in which so many pixels are marked. */
+static bool decode_streams(payload_reader_t *reader, input_t *in, size_t marked)
+{
+    const band_t *band = &reader->band;
+    size_t counts[STREAMS] = {marked, marked, marked}, streams = band->lanes, unknown, first = 0;
+    if (reader->codec == CODEC_PLANES) {
+        streams = 1;
+        counts[0] = band->lanes * marked;
+    } else if (band->colours) {
+        if (!decode_colours(reader, in, marked, &unknown)) return false;
+        counts[1] = 2 * unknown;
+        counts[2] = 2 * (marked - unknown);
+    }
+    for (size_t s = 0; s < streams; first += counts[s++])
+        if (!decode_stream(reader, in, &reader->streams[s], first, counts[s])) return false;
+    return true;
+}
+
 static bool decode_band(payload_reader_t *reader, input_t in)
 {
     band_t *band = &reader->band;
     size_t mask_bytes = (band->pixels + 7) / 8;
+    memset(reader->streams, 0, sizeof reader->streams);
     reader->mask[(band->pixels - 1) / 64] = 0; /* not every byte of the last word is filled below */
-    reader->plane_count = 0;
     if (in.size == 0) {
         memset(reader->mask, 0, mask_bytes);
         return true;
     }
     if (!decode_block(reader, &in, reader->mask, mask_bytes)) return false;
     size_t marked = mask_count(reader->mask, band->pixels);
-    const uint8_t *planes = input_take(&in, 1);
-    if (marked == SIZE_MAX || planes == NULL || *planes > PLANES) return false;
-    for (; reader->plane_count < *planes; reader->plane_count++)
-        if (!decode_block(reader, &in, reader->planes[reader->plane_count], band->lanes * marked))
-            return false;
-    return in.size == 0;
+    return marked != SIZE_MAX && decode_streams(reader, &in, marked) && in.size == 0;
 }
 
 static bool next_band(payload_reader_t *reader)
@@ -173,7 +230,7 @@ static bool next_band(payload_reader_t *reader)
     size_t size = get_u32(reader->table + 4 * reader->next_band);
     input_t in = {input_take(&reader->rest, size), size};
     reader->band = band_at(reader->layout, reader->values, reader->next_band++);
-    reader->next_pixel = reader->next_value = 0;
+    reader->next_pixel = reader->next_index = 0;
     memset(reader->before, 0, sizeof reader->before);
     return decode_band(reader, in);
 }
@@ -181,11 +238,11 @@ static bool next_band(payload_reader_t *reader)
 /* ---- pieces -------------------------------------------------------------------------------------------- */
 
 /* Puts values together from `planes` bytes each; inlined for each number of planes, for vector code. */
-static inline void join_planes(const payload_reader_t *reader, int64_t *restrict values, size_t count,
-                               int planes)
+static inline void join_planes(const payload_reader_t *reader, size_t next, int64_t *restrict values,
+                               size_t count, int planes)
 {
     const uint8_t *plane[PLANES];
-    for (int p = 0; p < planes; p++) plane[p] = reader->planes[p] + reader->next_value;
+    for (int p = 0; p < planes; p++) plane[p] = reader->planes[p] + next;
     for (size_t i = 0; i < count; i++) {
         uint64_t z = 0;
         for (int p = 0; p < planes; p++) z |= (uint64_t)plane[p][i] << (8 * p);
@@ -195,12 +252,13 @@ static inline void join_planes(const payload_reader_t *reader, int64_t *restrict
 
 #define JOIN_CASE(planes)                                                                                    \
     case planes:                                                                                             \
-        join_planes(reader, values, count, planes);                                                          \
+        join_planes(reader, stream->next, values, count, planes);                                            \
         break;
 
-static void join(const payload_reader_t *reader, int64_t *values, size_t count)
+/* The next values of a stream. */
+static void join(const payload_reader_t *reader, stream_t *stream, int64_t *values, size_t count)
 {
-    switch (reader->plane_count) {
+    switch (stream->plane_count) {
         JOIN_CASE(0)
         JOIN_CASE(1)
         JOIN_CASE(2)
@@ -211,23 +269,67 @@ static void join(const payload_reader_t *reader, int64_t *values, size_t count)
         JOIN_CASE(7)
         JOIN_CASE(PLANES)
     }
+    stream->next += count;
 }
 
-/* Differences become values, of all pixels. */
-static void unfold(payload_reader_t *reader, const uint64_t *mask, payload_piece_t *piece)
+/* Sets what is known of the size of a piece's values. */
+static void set_bits(payload_piece_t *piece, int bits)
 {
-    const int64_t *difference = piece->values;
+    piece->bits = bits;
+    piece->large = bits > SMALL_BITS;
+}
+
+/* Brings the values of a piece's pixels together: those of lane l are `step` apart from lanes[l] on. */
+static void interleave(payload_reader_t *reader, const int64_t *const lanes[], size_t step, size_t marked,
+                       payload_piece_t *piece)
+{
+    int planes = 0;
+    for (size_t i = 0; i < marked; i++)
+        for (size_t l = 0; l < piece->lanes; l++) reader->piece[piece->lanes * i + l] = lanes[l][step * i];
+    for (size_t s = 0; s < STREAMS; s++) planes = int_max(planes, reader->streams[s].plane_count);
+    set_bits(piece, planes > 0 ? 8 * planes - 1 : 0);
+}
+
+/* The same of differences, which become values, of all pixels. */
+static void unfold(payload_reader_t *reader, const int64_t *const lanes[], size_t step,
+                   payload_piece_t *piece)
+{
+    size_t next = 0;
     for (size_t i = 0; i < piece->pixels; i++) {
-        bool marked = mask[i / 64] >> (i % 64) & 1;
+        bool marked = piece->mask[i / 64] >> (i % 64) & 1;
         for (size_t l = 0; l < piece->lanes; l++) {
-            if (marked) reader->before[l] += (uint64_t)*difference++;
-            reader->unfolded[piece->lanes * i + l] = (int64_t)reader->before[l];
+            if (marked) reader->before[l] += (uint64_t)lanes[l][next];
+            reader->piece[piece->lanes * i + l] = (int64_t)reader->before[l];
         }
+        if (marked) next += step;
     }
-    piece->values = reader->unfolded;
     piece->mask = reader->all_marked;
-    piece->bits = VALUE_BITS;
-    piece->large = true;
+    set_bits(piece, VALUE_BITS);
+}
+
+/* Makes the values of a piece whose green and blue may follow from red. */
+static void colour(payload_reader_t *reader, size_t marked, payload_piece_t *piece)
+{
+    const uint8_t *index = reader->index + reader->next_index;
+    int64_t *red = reader->apart, *pairs[2] = {red + marked}, *value = reader->piece;
+    uint64_t set = 0;
+    size_t unknown = 0;
+    for (size_t i = 0; i < marked; i++) unknown += index[i] == 0;
+    pairs[1] = pairs[0] + 2 * unknown;
+    join(reader, &reader->streams[0], red, marked);
+    join(reader, &reader->streams[1], pairs[0], 2 * unknown);
+    join(reader, &reader->streams[2], pairs[1], 2 * (marked - unknown));
+    for (size_t i = 0; i < marked; i++, value += 3) {
+        const colour_t *known = &reader->colours[index[i]];
+        const int64_t *pair = pairs[index[i] > 0];
+        value[0] = red[i];
+        for (int c = 0; c < 2; c++)
+            value[1 + c] = (int64_t)((uint64_t)pair[c] + colour_share((uint64_t)red[i], known->of_red[c]));
+        for (int c = 0; c < 3; c++) set |= (uint64_t)(value[c] < 0 ? ~value[c] : value[c]);
+        pairs[index[i] > 0] += 2;
+    }
+    reader->next_index += marked;
+    set_bits(piece, set == 0 ? 0 : 64 - __builtin_clzll(set));
 }
 
 static void make_piece(payload_reader_t *reader, payload_piece_t *piece)
@@ -242,13 +344,23 @@ static void make_piece(payload_reader_t *reader, payload_piece_t *piece)
                                .offset = band->offset,
                                .lanes = band->lanes,
                                .mask = mask,
-                               .values = reader->piece,
-                               .bits = reader->plane_count > 0 ? 8 * reader->plane_count - 1 : 0,
-                               .large = reader->plane_count > SMALL_PLANES};
-    join(reader, reader->piece, band->lanes * marked);
-    if (band->differences) unfold(reader, mask, piece);
+                               .values = reader->piece};
     reader->next_pixel += pixels;
-    reader->next_value += band->lanes * marked;
+    bool streams = reader->codec == CODEC_STREAMS;
+    if (streams && band->colours) {
+        colour(reader, marked, piece);
+        return;
+    }
+    const int64_t *lanes[SUM_GROUP_VALUES];
+    for (size_t l = 0; l < band->lanes; l++) {
+        lanes[l] = reader->apart + (streams ? l * marked : l);
+        if (streams) join(reader, &reader->streams[l], reader->apart + l * marked, marked);
+    }
+    if (!streams) join(reader, &reader->streams[0], reader->apart, band->lanes * marked);
+    if (band->differences)
+        unfold(reader, lanes, streams ? 1 : band->lanes, piece);
+    else
+        interleave(reader, lanes, streams ? 1 : band->lanes, marked, piece);
 }
 
 /* Values as they are: a pixel of features is larger than the others, so that a piece has fewer. */
@@ -276,7 +388,7 @@ bool payload_read(payload_reader_t *reader, payload_piece_t *piece)
         reader->damaged = !next_band(reader);
     }
     if (reader->damaged) return false;
-    if (reader->raw)
+    if (reader->codec == CODEC_RAW)
         make_raw_piece(reader, piece);
     else
         make_piece(reader, piece);
@@ -415,7 +527,7 @@ static void store_places(const payload_piece_t *piece, size_t stride, const plac
 /* Passes over bands that none of the places lies in. */
 static void skip_bands(payload_reader_t *reader, const place_t *places, size_t count)
 {
-    while (!reader->raw && reader->next_pixel == reader->band.pixels &&
+    while (reader->codec != CODEC_RAW && reader->next_pixel == reader->band.pixels &&
            reader->next_band < reader->band_count) {
         band_t next = band_at(reader->layout, reader->values, reader->next_band);
         size_t at = place_at(places, count, next.pixel);

@@ -1,8 +1,9 @@
 /* bench_codec: sizes and speeds of ways to send a batch's sums, the measurements behind proto/wire/payload.c.
  *
  * The data are made like those of a render at 1920 x 1080 (or WIDTHxHEIGHT given as an argument): eye sums of
- * a few float contributions a sample, and splat frames in which a given share of the pixels was hit. `planes`
- * is our codec; the others are what it was chosen over. Speeds are of CPU time, in raw bytes, on one thread.
+ * a few float contributions a sample, and splat frames in which a given share of the pixels was hit.
+ * `streams` is our codec; the others are what it was chosen over. Speeds are of CPU time, in raw bytes, on
+ * one thread.
  */
 #include "proto/wire/wire.h"
 #include "tests/clock.h"
@@ -154,30 +155,40 @@ static measure_t measure_candidate(const candidate_t *c, const int64_t *values, 
     return m;
 }
 
-/* The values as the splat frame of a batch without units. */
-static measure_t measure_payload(const job_settings_t *settings, int64_t *values, bool compress)
+/* One sample of every tile; or no unit, for a batch with a splat frame alone. */
+static void fill_units(batch_t *batch, sum_kind_t kind)
+{
+    batch->unit_count = kind == SUM_EYE ? job_tile_count(&batch->settings) : 0;
+    batch->units = mem_zalloc(batch->unit_count + 1, sizeof *batch->units);
+    for (uint32_t t = 0; t < batch->unit_count; t++) batch->units[t] = (unit_t){.tile = t, .count = 1};
+}
+
+/* The values as the eye tiles or the splat frame of a batch. */
+static measure_t measure_payload(const job_settings_t *settings, sum_kind_t kind, int64_t *values,
+                                 bool compress)
 {
     batch_t sent, got;
-    size_t count = sum_image_values(settings, SUM_SPLAT);
+    size_t count = sum_image_values(settings, kind);
     zmq_msg_t payload[BATCH_PAYLOADS];
     measure_t m = {0};
     batch_init(&sent, settings);
     batch_init(&got, settings);
-    sent.sums[SUM_SPLAT] = (sum_array_t){.values = values, .count = count};
-    memset(batch_frame(&got, SUM_SPLAT), 1,
-           count * sizeof(int64_t)); /* kept and paged in, as in the master */
+    fill_units(&sent, kind);
+    fill_units(&got, kind);
+    sent.sums[kind] = (sum_array_t){.values = values, .count = count};
+    memset(batch_frame(&got, kind), 1, count * sizeof(int64_t)); /* kept and paged in, as in the master */
     double start = clock_cpu();
     result_t result = payload_encode(&sent, compress, payload);
     m.encode = clock_cpu() - start;
     if (result.code != RESULT_OK) return m;
-    m.bytes = zmq_msg_size(&payload[1]);
+    m.bytes = zmq_msg_size(&payload[kind]);
     start = clock_cpu();
     result = payload_decode(payload, &got);
     m.decode = clock_cpu() - start;
-    m.same =
-        result.code == RESULT_OK && memcmp(values, got.sums[SUM_SPLAT].values, count * sizeof *values) == 0;
+    m.same = result.code == RESULT_OK && memcmp(values, got.sums[kind].values, count * sizeof *values) == 0;
     for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
     batch_free(&got);
+    free(sent.units);
     return m;
 }
 
@@ -189,12 +200,13 @@ static void report(const char *name, measure_t m, size_t count)
            megabytes / m.decode, m.same ? "" : "  WRONG");
 }
 
-static void bench(const char *name, const job_settings_t *settings, int64_t *values, int64_t *back)
+static void bench(const char *name, const job_settings_t *settings, sum_kind_t kind, int64_t *values,
+                  int64_t *back)
 {
-    size_t count = sum_image_values(settings, SUM_SPLAT);
+    size_t count = sum_image_values(settings, kind);
     printf("%s: %.1f MB raw\n", name, 8e-6 * (double)count);
-    report("planes", measure_payload(settings, values, true), count);
-    report("raw", measure_payload(settings, values, false), count);
+    report("streams", measure_payload(settings, kind, values, true), count);
+    report("raw", measure_payload(settings, kind, values, false), count);
     for (size_t c = 0; c < ARRAY_LENGTH(candidates); c++)
         report(candidates[c].name, measure_candidate(&candidates[c], values, count, back), count);
 }
@@ -204,6 +216,7 @@ int main(int argc, char **argv)
     job_settings_t settings = job_settings_default();
     settings.width = 1920;
     settings.height = 1080;
+    settings.features = false;
     if (argc > 1 && sscanf(argv[1], "%dx%d", &settings.width, &settings.height) != 2) {
         fprintf(stderr, "usage: bench_codec [WIDTHxHEIGHT]\n");
         return 1;
@@ -212,13 +225,13 @@ int main(int argc, char **argv)
     int64_t *values = mem_zalloc(count, sizeof *values), *back = mem_alloc(count * sizeof *back);
     memset(back, 1, count * sizeof *back);
     fill_eye(values, triples, 2);
-    bench("eye sums, 4 samples a pixel", &settings, values, back);
+    bench("eye sums, 4 samples a pixel", &settings, SUM_EYE, values, back);
     const double occupancies[] = {0.01, 0.05, 0.3, 0.8};
     for (size_t i = 0; i < ARRAY_LENGTH(occupancies); i++) {
         char name[80];
         snprintf(name, sizeof name, "splat frame, %.0f %% of the pixels hit", 100 * occupancies[i]);
         fill_splat(values, triples, occupancies[i]);
-        bench(name, &settings, values, back);
+        bench(name, &settings, SUM_SPLAT, values, back);
     }
     free(values);
     free(back);

@@ -1,4 +1,4 @@
-"""The sums of a batch, as numpy arrays of int64: reads both codecs, writes the raw one."""
+"""The sums of a batch, as numpy arrays of int64: reads all codecs, writes the raw one."""
 import hashlib
 import struct
 
@@ -11,8 +11,9 @@ CHUNK = 65536  # pixels
 BDPT, PATH, LIGHT = 1, 2, 3  # Settings.integrator
 LAYERED_SAMPLES = 32  # features and mattes are of the first so many
 
-# The values of a pixel, and how they are shared out to the bands of a chunk.
+# The values of a pixel, and how they are shared out to the bands of a chunk. Frames are like tiles but for the colours.
 PLAIN = [range(0, 3)]
+FRAME = [range(0, 3)]
 FEATURES = [range(0, 3), range(3, 6), range(6, 9), range(9, 10), range(10, 12), range(12, 14)]
 MATTES = [range(0, 3), range(3, 6), range(6, 9), range(9, 12), range(12, 15), range(15, 16)]
 
@@ -62,8 +63,8 @@ class Shape:
         self.group_splats = frame * 3 * groups if splats else 0
 
     def parts(self):
-        return [(PLAIN, self.eye), (PLAIN, self.splats), (FEATURES, self.features), (MATTES, self.mattes), (PLAIN, self.group_eye),
-                (PLAIN, self.group_splats)]
+        return [(PLAIN, self.eye), (FRAME, self.splats), (FEATURES, self.features), (MATTES, self.mattes), (PLAIN, self.group_eye),
+                (FRAME, self.group_splats)]
 
 
 def encode(values):
@@ -85,12 +86,12 @@ def decode(frame, bands, count):
         if len(values) != count:
             raise Malformed(f"{len(values)} values, where {count} are expected")
         return values.copy()
-    if codec != 1:
+    if codec not in (1, 2):
         raise Malformed(f"codec {codec}")
-    return _decode_planes(frame, number, bands, count)
+    return _decode_bands(frame, number, bands, count, _interleaved if codec == 1 else _coloured if bands is FRAME else _apart)
 
 
-def _decode_planes(frame, number, bands, count):
+def _decode_bands(frame, number, bands, count, read):
     sizes = struct.unpack_from(f"<{number}I", frame, 8)
     width = bands[-1].stop
     pixels, rest = divmod(count, width)
@@ -101,7 +102,7 @@ def _decode_planes(frame, number, bands, count):
     for index, chunk in enumerate(chunks):
         for place, band in enumerate(bands):
             size = sizes[index * len(bands) + place]
-            part = _decode_band(frame[offset : offset + size], chunk, len(band))
+            part = _decode_band(frame[offset : offset + size], chunk, len(band), read)
             if len(bands) > 1:  # differences from the pixel before
                 part = np.cumsum(part, axis=0, dtype=np.int64)
             values[at : at + chunk, band.start : band.stop] = part
@@ -110,25 +111,71 @@ def _decode_planes(frame, number, bands, count):
     return values.reshape(-1)
 
 
-def _decode_band(data, pixels, width):
+def _decode_band(data, pixels, width, read):
     values = np.zeros((pixels, width), dtype=np.int64)
     if len(data) == 0:
         return values
     mask, data = _block(data, -(-pixels // 8))
     present = np.unpackbits(np.frombuffer(mask, dtype=np.uint8), bitorder="little").astype(bool)
-    if present[pixels:].any() or len(data) == 0 or data[0] > 8:
-        raise Malformed("a band with a wrong mask or number of planes")
-    present, planes, data = present[:pixels], data[0], data[1:]
-    number = int(present.sum()) * width
+    if present[pixels:].any():
+        raise Malformed("a band with a wrong mask")
+    present = present[:pixels]
+    values[present], data = read(data, int(present.sum()), width)
+    if len(data) != 0:
+        raise Malformed("a band that goes on behind its last block")
+    return values
+
+
+# How the values of the pixels that are present lie in a band; each gives (them, what follows).
+
+
+def _interleaved(data, number, width):
+    values, data = _stream(data, number * width)
+    return values.reshape(-1, width), data
+
+
+def _apart(data, number, width):
+    values = np.zeros((number, width), dtype=np.int64)
+    for lane in range(width):
+        values[:, lane], data = _stream(data, number)
+    return values, data
+
+
+def _coloured(data, number, _):
+    if len(data) == 0 or data[0] > 63 or len(data) < 1 + 8 * data[0]:
+        raise Malformed("a band with wrong colours")
+    colours = np.zeros((1 + data[0], 2), dtype=np.int64)
+    colours[1:] = np.frombuffer(data, dtype="<u4", count=2 * data[0], offset=1).reshape(-1, 2)
+    index, data = np.zeros(number, dtype=np.uint8), data[1 + 8 * data[0] :]
+    if len(colours) > 1:
+        part, data = _block(data, number)
+        index = np.frombuffer(part, dtype=np.uint8)
+    if index.max(initial=0) >= len(colours):
+        raise Malformed("a pixel of a colour that is not there")
+    known = index > 0
+    red, data = _stream(data, number)
+    values = np.zeros((number, 3), dtype=np.int64)
+    for which in (~known, known):
+        rest, data = _stream(data, 2 * int(which.sum()))
+        values[which, 1:] = rest.reshape(-1, 2)
+    with np.errstate(over="ignore"):
+        upper, lower = (red >> 32)[:, None], (red & 0xFFFFFFFF).astype(np.uint64)[:, None]
+        share = (lower * colours[index].astype(np.uint64) >> np.uint64(28)).view(np.int64)
+        values[:, 1:] += (upper * colours[index] << 4) + share
+    values[:, 0] = red
+    return values, data
+
+
+def _stream(data, number):
+    """(so many values, what follows them)"""
+    if len(data) == 0 or data[0] > 8:
+        raise Malformed("a stream with a wrong number of planes")
+    planes, data = data[0], data[1:]
     zigzag = np.zeros(number, dtype=np.uint64)
     for plane in range(planes):
         part, data = _block(data, number)
         zigzag |= np.frombuffer(part, dtype=np.uint8).astype(np.uint64) << np.uint64(8 * plane)
-    if len(data) != 0:
-        raise Malformed("a band that goes on behind its last block")
-    signed = (zigzag >> np.uint64(1)) ^ (np.uint64(0) - (zigzag & np.uint64(1)))
-    values[present] = signed.view(np.int64).reshape(-1, width)
-    return values
+    return ((zigzag >> np.uint64(1)) ^ (np.uint64(0) - (zigzag & np.uint64(1)))).view(np.int64), data
 
 
 def _block(data, size):

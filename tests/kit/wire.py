@@ -5,7 +5,7 @@ import numpy as np
 
 import lightmill_pb2 as lm
 
-VERSION = 6
+VERSION = 7
 MAGIC = b"LMIL"
 LARGEST_HEADER = 1 << 20
 

@@ -82,7 +82,7 @@ static void say_hello(member_t *member)
 {
     Lm__Hello hello = LM__HELLO__INIT;
     Lm__Envelope envelope = LM__ENVELOPE__INIT;
-    char *capabilities[] = {"raw", "planes"};
+    char *capabilities[] = {"raw", "planes", "streams"};
     hello.protocol_version = WIRE_VERSION;
     hello.software = "a simulated worker";
     hello.name = "simulated";

@@ -639,7 +639,7 @@ static void hostile_bytes_do_no_harm(void **state)
             bytes[size] = (uint8_t)(random >> 33);
         }
         size = (random >> 40) % sizeof bytes;
-        if (i % 3 > 0) memcpy(bytes, "LMIL\6", 5);
+        if (i % 3 > 0) memcpy(bytes, "LMIL\7", 5);
         if (i % 3 > 1)
             bytes[PEER_ENVELOPE_AT] = (uint8_t)(8 * (2 + random % 25) + 2),
             bytes[PEER_ENVELOPE_AT + 1] = (uint8_t)(random >> 50) % 64;

@@ -61,12 +61,19 @@ static void fill_groups(batch_t *batch, uint64_t *seed)
     for (size_t i = 0; i < sums->count; i++) sums->values[i] = (int64_t)draw(seed) >> (draw(seed) % 60);
 }
 
+/* Half of the pixels that are hit have one of a few colours, but for rounding; some of them are wild. */
 static void fill_frame(batch_t *batch, sum_kind_t kind, int occupancy, uint64_t *seed)
 {
     int64_t *frame = batch_frame(batch, kind);
-    for (size_t i = 0; i < batch->sums[kind].count; i += 3)
-        if ((int)(draw(seed) % 256) < occupancy)
-            for (size_t c = 0; c < 3; c++) frame[i + c] = (int64_t)(draw(seed) % (1 << 30)) - 1000;
+    for (size_t i = 0; i < batch->sums[kind].count; i += 3) {
+        if ((int)(draw(seed) % 256) >= occupancy) continue;
+        int64_t shade = (int64_t)(draw(seed) % 5);
+        bool known = draw(seed) % 2 == 0;
+        for (size_t c = 0; c < 3; c++) frame[i + c] = (int64_t)(draw(seed) % (1 << 30)) - 1000;
+        for (size_t c = 1; c < 3 && known; c++)
+            frame[i + c] = frame[i] / 7 * (shade + (int64_t)c) + (int64_t)(draw(seed) % 8);
+        if (draw(seed) % 500 == 0) frame[i + draw(seed) % 3] = draw(seed) % 2 ? INT64_MIN : INT64_MAX;
+    }
 }
 
 /* A batch of every second tile, with values of all kinds (every fourth without features), and splats at about
@@ -184,6 +191,33 @@ static void sparse_frames_are_small(void **state)
     batch_free(&batch);
 }
 
+/* Where green and blue follow from red they cost next to nothing; with many colours, a few bits each. */
+static void splats_of_few_colours_are_small(void **state)
+{
+    (void)state;
+    job_settings_t settings = settings_of(640, 360);
+    size_t sizes[3];
+    const int64_t colours[] = {1, 30, 1 << 30};
+    for (int i = 0; i < 3; i++) {
+        batch_t batch = batch_of(&settings, -1, 1);
+        int64_t *frame = batch_frame(&batch, SUM_SPLAT);
+        uint64_t seed = 1;
+        for (size_t p = 0; p < batch.sums[SUM_SPLAT].count; p += 3) {
+            double shade = 0.1 + 1e-9 * (double)(draw(&seed) % (uint64_t)colours[i]) * (1 << 25);
+            frame[p] = 1000 + (int64_t)(draw(&seed) % (1 << 24)) * 64;
+            frame[p + 1] = (int64_t)(shade * (double)frame[p]) + (int64_t)(draw(&seed) % 4);
+            frame[p + 2] = (int64_t)(0.7 * shade * (double)frame[p]) + (int64_t)(draw(&seed) % 4);
+        }
+        zmq_msg_t payload[BATCH_PAYLOADS];
+        assert_int_equal(payload_encode(&batch, true, payload).code, RESULT_OK);
+        sizes[i] = zmq_msg_size(&payload[SUM_SPLAT]);
+        close_all(payload);
+        batch_free(&batch);
+    }
+    assert_true(2 * sizes[0] < sizes[2]);
+    assert_true(5 * sizes[1] < 3 * sizes[2]);
+}
+
 static void no_splats_after_some(void **state)
 {
     (void)state;
@@ -219,6 +253,135 @@ static result_t decode_as(const zmq_msg_t good[BATCH_PAYLOADS], int which, const
     result_t result = payload_decode(payload, batch);
     zmq_msg_close(&payload[which]);
     return result;
+}
+
+/* The example of PROTOCOL.md: a frame of two pixels, of which the first has the only colour. */
+static const uint8_t EXAMPLE[] = {
+    2,  0, 0, 0,    1,    0,   0,  0,    /* streams, 1 band */
+    41, 0, 0, 0,                         /* its size */
+    1,  0, 0, 0x80, 3,                   /* the mask, stored: both pixels */
+    1,  0, 0, 0,    8,    0,   0,  0, 4, /* 1 colour: green is half of red, blue a quarter */
+    2,  0, 0, 0x80, 1,    0,             /* the index, stored */
+    1,  2, 0, 0,    0x80, 200, 5,        /* red, 1 plane: 100, -3 */
+    1,  2, 0, 0,    0x80, 14,  16,       /* green and blue of the second pixel: 7, 8 */
+    1,  2, 0, 0,    0x80, 1,   4,        /* what is left of the first's: -1, 2 */
+};
+enum { EXAMPLE_COLOURS = 17, EXAMPLE_INDEX = 30, EXAMPLE_RED = 32 };
+
+/* Decodes bytes as the splats of an image of one pixel. */
+static result_t decode_splats(const uint8_t *bytes, size_t size, batch_t *batch)
+{
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    job_settings_t settings = settings_of(1, 1);
+    batch_init(batch, &settings);
+    for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_init(&payload[i]);
+    result_t result = decode_as(payload, SUM_SPLAT, bytes, size, batch);
+    close_all(payload);
+    return result;
+}
+
+/* Decodes the example with one byte changed. */
+static result_t decode_example(size_t place, uint8_t byte, batch_t *batch)
+{
+    uint8_t bytes[sizeof EXAMPLE];
+    memcpy(bytes, EXAMPLE, sizeof bytes);
+    bytes[place] = byte;
+    return decode_splats(bytes, sizeof bytes, batch);
+}
+
+/* The same with so many colours more, which no pixel has. */
+static result_code_t decode_more_colours(size_t more)
+{
+    uint8_t bytes[sizeof EXAMPLE + 8 * 255] = {0};
+    size_t head = EXAMPLE_COLOURS + 9, band = 41 + 8 * more;
+    batch_t batch;
+    memcpy(bytes, EXAMPLE, head);
+    memcpy(bytes + head + 8 * more, EXAMPLE + head, sizeof EXAMPLE - head);
+    bytes[8] = (uint8_t)band;
+    bytes[9] = (uint8_t)(band >> 8);
+    bytes[EXAMPLE_COLOURS] = (uint8_t)(1 + more);
+    result_code_t code = decode_splats(bytes, sizeof EXAMPLE + 8 * more, &batch).code;
+    batch_free(&batch);
+    return code;
+}
+
+static void colours_are_read_as_the_protocol_says(void **state)
+{
+    (void)state;
+    const int64_t expected[] = {100, 49, 27, -3, 7, 8};
+    batch_t batch;
+    assert_int_equal(decode_example(0, EXAMPLE[0], &batch).code, RESULT_OK);
+    assert_memory_equal(batch.sums[SUM_SPLAT].values, expected, sizeof expected);
+    batch_free(&batch);
+    const struct {
+        size_t place;
+        uint8_t byte;
+    } wrong[] = {{EXAMPLE_COLOURS, 0},   {EXAMPLE_COLOURS, 2}, {EXAMPLE_COLOURS, 64}, {EXAMPLE_COLOURS, 255},
+                 {EXAMPLE_INDEX, 2},     {EXAMPLE_INDEX, 255}, {EXAMPLE_INDEX, 0},    {EXAMPLE_INDEX + 1, 1},
+                 {EXAMPLE_INDEX + 1, 2}, {EXAMPLE_RED, 0},     {EXAMPLE_RED, 9}};
+    for (size_t i = 0; i < ARRAY_LENGTH(wrong); i++) {
+        assert_int_equal(decode_example(wrong[i].place, wrong[i].byte, &batch).code, RESULT_PROTOCOL);
+        batch_free(&batch);
+    }
+    assert_int_equal(decode_more_colours(62), RESULT_OK);
+    assert_int_equal(decode_more_colours(63), RESULT_PROTOCOL);
+    assert_int_equal(decode_more_colours(254), RESULT_PROTOCOL);
+}
+
+static uint8_t *put_number(uint8_t *at, uint64_t number, int bytes)
+{
+    for (int i = 0; i < bytes; i++) *at++ = (uint8_t)(number >> (8 * i));
+    return at;
+}
+
+/* One band of codec 1, all pixels marked and nothing compressed; returns its end. */
+static uint8_t *put_old_band(uint8_t *at, const sum_layout_t *layout, size_t offset, size_t lanes,
+                             const int64_t *values, size_t pixels)
+{
+    size_t mask = (pixels + 7) / 8, count = pixels * lanes;
+    at = put_number(at, mask | 0x80000000u, 4);
+    for (size_t i = 0; i < mask; i++) *at++ = i < pixels / 8 ? 0xff : (uint8_t)((1 << pixels % 8) - 1);
+    *at++ = 8;
+    for (int p = 0; p < 8; p++) {
+        at = put_number(at, count | 0x80000000u, 4);
+        for (size_t i = 0; i < count; i++) {
+            const int64_t *value = values + i / lanes * layout->values + offset + i % lanes;
+            bool difference = layout->differences && i >= lanes;
+            uint64_t v = (uint64_t)*value - (difference ? (uint64_t)value[-(ptrdiff_t)layout->values] : 0);
+            *at++ = (uint8_t)((v << 1 ^ (0 - (v >> 63))) >> (8 * p));
+        }
+    }
+    return at;
+}
+
+/* Spools of a version that knew no streams may hold such payloads. */
+static void reads_payloads_of_earlier_versions(void **state)
+{
+    (void)state;
+    job_settings_t settings = settings_of(90, 50);
+    settings.cryptomatte = true;
+    batch_t sent = batch_of(&settings, 100, 3), got = receiver_of(&sent);
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    assert_int_equal(payload_encode(&sent, true, payload).code, RESULT_OK);
+    for (int k = 0; k <= SUM_MATTES; k++) {
+        const sum_layout_t *layout = &film_sums[k];
+        size_t count = sent.sums[k].count, offset = 0;
+        uint8_t *bytes = mem_zalloc(10 * count + 1000, 1), *at = bytes + 8 + 4 * layout->group_count;
+        bytes[0] = 1;
+        put_number(bytes + 4, layout->group_count, 4);
+        for (size_t g = 0; g < layout->group_count; offset += layout->groups[g++]) {
+            const uint8_t *begin = at;
+            at = put_old_band(at, layout, offset, layout->groups[g], sent.sums[k].values,
+                              count / layout->values);
+            put_number(bytes + 8 + 4 * g, (size_t)(at - begin), 4);
+        }
+        assert_int_equal(decode_as(payload, k, bytes, (size_t)(at - bytes), &got).code, RESULT_OK);
+        assert_same(&sent, &got);
+        free(bytes);
+    }
+    close_all(payload);
+    batch_free(&sent);
+    batch_free(&got);
 }
 
 static void refuses_truncated_and_longer_frames(void **state)
@@ -407,7 +570,10 @@ int main(void)
         cmocka_unit_test(round_trips),
         cmocka_unit_test(messages_have_the_payloads_that_their_job_needs),
         cmocka_unit_test(sparse_frames_are_small),
+        cmocka_unit_test(splats_of_few_colours_are_small),
         cmocka_unit_test(no_splats_after_some),
+        cmocka_unit_test(colours_are_read_as_the_protocol_says),
+        cmocka_unit_test(reads_payloads_of_earlier_versions),
         cmocka_unit_test(refuses_truncated_and_longer_frames),
         cmocka_unit_test(refuses_frames_of_another_size),
         cmocka_unit_test(refuses_features_of_units_without),

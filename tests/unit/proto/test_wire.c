@@ -260,11 +260,11 @@ static void bad_headers_are_errors(void **state)
         size_t size;
     } bad[] = {{"", 0},
                {"LMIL", 4},
-               {"LMIL\6", 5},
+               {"LMIL\7", 5},
                {"LMIX\1\10\1", 7},
-               {"LMIL\6\10\1", 7},
-               {"LMIL\6\0\0\0\0", 9},
-               {"LMIL\6\0\0\0\0\10\1", 11},
+               {"LMIL\7\10\1", 7},
+               {"LMIL\7\0\0\0\0", 9},
+               {"LMIL\7\0\0\0\0\10\1", 11},
                {"LMIL\2\377\377\377", 8},
                {"GET / HTTP/1.1\r\n\r\n", 18}};
     for (size_t i = 0; i < ARRAY_LENGTH(bad); i++) {
@@ -275,7 +275,7 @@ static void bad_headers_are_errors(void **state)
         expect_malformed(s);
     }
     char *huge = mem_zalloc(1, WIRE_MAX_HEADER + 1);
-    memcpy(huge, "LMIL\6", 5);
+    memcpy(huge, "LMIL\7", 5);
     send_raw(s->raw, huge, WIRE_MAX_HEADER + 1, false);
     expect_malformed(s);
     free(huge);
@@ -286,10 +286,10 @@ static void another_version_is_named(void **state)
     sockets_t *s = *state;
     wire_message_t message;
     bool received;
-    send_raw(s->raw, "LMIL\7\10\1", 7, false);
+    send_raw(s->raw, "LMIL\10\10\1", 7, false);
     result_t result = receive(s->router, true, &message, &received);
     assert_int_equal(result.code, RESULT_PROTOCOL);
-    assert_non_null(strstr(result.message, "protocol 7"));
+    assert_non_null(strstr(result.message, "protocol 8"));
 }
 
 static void too_many_payloads_are_errors(void **state)
