@@ -9,6 +9,11 @@
  * Writing is mostly compression, so several threads share it. Each takes the next chunk, encodes it with a
  * pipeline of its own, and waits for its turn to write: chunks are in the file in order, and its bytes do not
  * depend on how many threads there were.
+ *
+ * What zlib is asked for was measured with scenes/seed-diffuse at 1920 x 1080 and 4 samples, all layers: 73.1
+ * MB in 1.8 CPU seconds, a tenth of the render. Film noise hardly gets smaller: level 4 takes 20 % longer for
+ * 0.6 %. Level 1 saves no time. PIZ saves 20 % of it for a file that is 5.5 % larger, RLE 70 % for one 45 %
+ * larger.
  */
 #include "common/atomic_file.h"
 #include "common/image/image.h"
@@ -27,7 +32,7 @@
 #include <unistd.h>
 
 enum {
-    ZIP_LEVEL = 2,           /* film noise hardly gets smaller above; the time doubles */
+    ZIP_LEVEL = 2,           /* see the head comment */
     MAX_ATTRIBUTE_NAME = 31, /* without the long-name flag in the file */
     MAX_TILE_SIDE = 1 << 14,
     MAX_WRITERS = 16, /* threads that compress */
