@@ -78,6 +78,9 @@ static uint32_t refinement(const light_map_t *map, uint32_t width, uint32_t heig
     return cells;
 }
 
+/* How much of the noise of drawing from the image may come of cells that are made even. */
+static const float uneven = 0.02f;
+
 void light_map_init_values(light_map_t *map, const light_t *light)
 {
     *map = (light_map_t){.textures = scene_textures(light->scene),
@@ -113,7 +116,7 @@ void light_map_init(light_map_t *map, const light_t *light)
             sum += (double)weight;
         }
     map->mean = sum / ((double)width * height);
-    map->distribution = distribution_new(weights, width, height);
+    map->distribution = distribution_new(weights, width, height, uneven);
     free(weights);
 }
 

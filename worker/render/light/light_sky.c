@@ -164,8 +164,7 @@ static bool portal_emit(const light_t *light, vec2_t place, vec2_t ray, light_ra
     return !v_is_zero(out->throughput);
 }
 
-static bool infinite_emit(const light_t *light, float choice, vec2_t place, vec2_t ray,
-                          light_ray_t *out)
+static bool infinite_emit(const light_t *light, float choice, vec2_t place, vec2_t ray, light_ray_t *out)
 {
     (void)choice;
     if (has_portal(light)) return portal_emit(light, place, ray, out);

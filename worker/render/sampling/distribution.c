@@ -2,8 +2,12 @@
  *
  * Cumulative sums are made in double precision and kept as floats: as fine as the 24 bits of the numbers that
  * they are compared with. The density is kept apart, since differences of the sums would be too coarse for
- * dark cells beside a bright one. A guide (Chen and Asau 1974) says where in a row to start the search, which
- * in a large image would otherwise miss the cache at most of its steps.
+ * dark cells beside a bright one. A guide (Chen and Asau 1974) says where in a row to start the search.
+ *
+ * The table of a large image does not fit into a processor's caches, and at each draw one would wait for
+ * memory several times. So cells make blocks, few enough for the cache, and what lies in a block has a table
+ * of its own only where it is uneven: about edges and small bright things, of which the bright ones are drawn
+ * often and so stay in the cache.
  */
 #include "worker/render/sampling/distribution.h"
 
@@ -12,12 +16,16 @@
 #include <math.h>
 #include <stdlib.h>
 
+/* So the table of blocks takes some 100 KB (measured: with more it is slower). */
+enum { MOST_BLOCKS = 1 << 13, MOST_SIDE = 16 };
+
 typedef struct {
     float cumulative; /* probability of this cell and those before it */
     float density;    /* per area of the square; of rows unused */
 } cell_t;
 
-/* A run of cells, and for each of `buckets` equal parts of [0, 1) the cell that its first number draws. */
+/* A run of cells, and for each of `buckets` equal parts of [0, 1) the cell that its first number draws. A run
+ * of few cells has no guide. */
 typedef struct {
     uint32_t count, buckets; /* buckets: a power of two, so that finding one is exact */
     const cell_t *cells;
@@ -25,13 +33,17 @@ typedef struct {
 } axis_t;
 
 struct distribution {
-    uint32_t width, height;
+    uint32_t width, height; /* in cells */
+    uint32_t side;          /* of a block: a power of two */
+    uint32_t across, down;  /* blocks */
     uint32_t column_buckets, row_buckets;
     double total;
-    cell_t *columns; /* all cells, cumulative within their rows */
+    cell_t *columns; /* all blocks, cumulative within their rows */
     uint16_t *column_guides;
-    cell_t *rows;
+    cell_t *rows; /* of blocks */
     uint16_t *row_guide;
+    uint32_t *details; /* of each block the number of its table, from 1; 0 when it is even */
+    cell_t *tables;    /* of uneven blocks: side rows, then side x side cells */
 };
 
 static double usable(float weight)
@@ -40,15 +52,18 @@ static double usable(float weight)
 }
 
 /* Cumulative sums of `count` weights, divided by their sum: exactly 1 from the last positive one on. All 0
- * when the sum is. Then the guide to them. */
-static void accumulate(cell_t *cells, uint16_t *guide, uint32_t buckets, const double *weights,
-                       uint32_t count, double total)
+ * when the sum is. */
+static void accumulate(cell_t *cells, const double *weights, uint32_t count, double total)
 {
     double sum = 0;
     for (uint32_t i = 0; i < count; i++) {
         sum += weights[i];
         cells[i].cumulative = total > 0 ? (float)(sum / total) : 0;
     }
+}
+
+static void make_guide(uint16_t *guide, uint32_t buckets, const cell_t *cells, uint32_t count)
+{
     uint32_t cell = 0;
     for (uint32_t bucket = 0; bucket < buckets; bucket++) {
         while (cell < count - 1 && cells[cell].cumulative <= (float)bucket / (float)buckets) cell++;
@@ -69,37 +84,109 @@ static uint32_t power_below(uint32_t n)
     return 1u << (31 - __builtin_clz(n));
 }
 
+/* The smallest side of blocks that divides both sides and makes few blocks, or the largest. */
+static uint32_t side_of_blocks(uint32_t width, uint32_t height)
+{
+    uint32_t side = 1;
+    while (side < MOST_SIDE && (uint64_t)(width / side) * (height / side) > MOST_BLOCKS &&
+           width % (2 * side) == 0 && height % (2 * side) == 0)
+        side *= 2;
+    return side;
+}
+
 static distribution_t *allocate(uint32_t width, uint32_t height)
 {
     distribution_t *d = mem_zalloc(1, sizeof *d);
+    uint32_t side = side_of_blocks(width, height), across = width / side, down = height / side;
     *d = (distribution_t){.width = width,
                           .height = height,
-                          .column_buckets = power_below(width),
-                          .row_buckets = power_below(height)};
-    d->columns = mem_alloc((size_t)width * height * sizeof *d->columns);
-    d->column_guides = mem_alloc((size_t)d->column_buckets * height * sizeof *d->column_guides);
-    d->rows = mem_zalloc(height, sizeof *d->rows);
+                          .side = side,
+                          .across = across,
+                          .down = down,
+                          .column_buckets = power_below(across),
+                          .row_buckets = power_below(down)};
+    d->columns = mem_alloc((size_t)across * down * sizeof *d->columns);
+    d->column_guides = mem_alloc((size_t)d->column_buckets * down * sizeof *d->column_guides);
+    d->rows = mem_zalloc(down, sizeof *d->rows);
     d->row_guide = mem_alloc(d->row_buckets * sizeof *d->row_guide);
+    d->details = mem_zalloc((size_t)across * down, sizeof *d->details);
     return d;
 }
 
-distribution_t *distribution_new(const float *weights, uint32_t width, uint32_t height)
+/* The weights of a block, row by row. */
+static void read_block(const distribution_t *d, const float *weights, size_t block, double *inside)
+{
+    size_t row = block / d->across * d->side, column = block % d->across * d->side;
+    for (size_t i = 0; i < (size_t)d->side * d->side; i++)
+        inside[i] = usable(weights[(row + i / d->side) * d->width + column + i % d->side]);
+}
+
+/* True when the variance of the weights is no more than so many times the square of their mean. */
+static bool is_even(const double *weights, uint32_t count, double sum, double tolerance)
+{
+    double mean = sum / count, variance = 0;
+    for (uint32_t i = 0; i < count; i++) variance += (weights[i] - mean) * (weights[i] - mean) / count;
+    return variance <= tolerance * mean * mean;
+}
+
+static uint32_t table_size(const distribution_t *d)
+{
+    return d->side + d->side * d->side;
+}
+
+/* Of a block that is drawn with this probability. */
+static void fill_table(const distribution_t *d, cell_t *table, const double *inside, double scale)
+{
+    uint32_t side = d->side;
+    double row_sums[MOST_SIDE];
+    for (uint32_t y = 0; y < side; y++) {
+        cell_t *cells = table + side + (size_t)y * side;
+        row_sums[y] = sum_of(inside + (size_t)y * side, side);
+        accumulate(cells, inside + (size_t)y * side, side, row_sums[y]);
+        for (uint32_t x = 0; x < side; x++) cells[x].density = (float)(inside[(size_t)y * side + x] * scale);
+    }
+    accumulate(table, row_sums, side, sum_of(row_sums, side));
+}
+
+/* Notes the sums of blocks, and gives uneven ones a number. */
+static uint32_t sum_blocks(const distribution_t *d, const float *weights, double tolerance, double *sums)
+{
+    double inside[MOST_SIDE * MOST_SIDE];
+    uint32_t cells = d->side * d->side, uneven = 0;
+    for (size_t i = 0; i < (size_t)d->across * d->down; i++) {
+        read_block(d, weights, i, inside);
+        sums[i] = sum_of(inside, cells);
+        if (!is_even(inside, cells, sums[i], tolerance)) d->details[i] = ++uneven;
+    }
+    return uneven;
+}
+
+distribution_t *distribution_new(const float *weights, uint32_t width, uint32_t height, float tolerance)
 {
     distribution_t *d = allocate(width, height);
-    size_t cells = (size_t)width * height;
-    double *row = mem_alloc(width * sizeof *row), *row_sums = mem_alloc(height * sizeof *row_sums);
-    for (uint32_t y = 0; y < height; y++) {
-        size_t start = (size_t)y * width;
-        for (uint32_t x = 0; x < width; x++) row[x] = usable(weights[start + x]);
-        row_sums[y] = sum_of(row, width);
-        accumulate(d->columns + start, d->column_guides + (size_t)y * d->column_buckets, d->column_buckets,
-                   row, width, row_sums[y]);
+    size_t blocks = (size_t)d->across * d->down;
+    double *sums = mem_alloc(blocks * sizeof *sums), *row_sums = mem_alloc(d->down * sizeof *row_sums);
+    double inside[MOST_SIDE * MOST_SIDE];
+    uint32_t uneven = sum_blocks(d, weights, (double)tolerance, sums);
+    d->tables = mem_zalloc((size_t)uneven * table_size(d) + 1, sizeof *d->tables);
+    for (uint32_t y = 0; y < d->down; y++) {
+        size_t start = (size_t)y * d->across;
+        row_sums[y] = sum_of(sums + start, d->across);
+        accumulate(d->columns + start, sums + start, d->across, row_sums[y]);
+        make_guide(d->column_guides + (size_t)y * d->column_buckets, d->column_buckets, d->columns + start,
+                   d->across);
     }
-    d->total = sum_of(row_sums, height);
-    accumulate(d->rows, d->row_guide, d->row_buckets, row_sums, height, d->total);
-    double scale = d->total > 0 ? (double)cells / d->total : 0;
-    for (size_t i = 0; i < cells; i++) d->columns[i].density = (float)(usable(weights[i]) * scale);
-    free(row);
+    d->total = sum_of(row_sums, d->down);
+    accumulate(d->rows, row_sums, d->down, d->total);
+    make_guide(d->row_guide, d->row_buckets, d->rows, d->down);
+    double scale = d->total > 0 ? (double)width * height / d->total : 0;
+    for (size_t i = 0; i < blocks; i++) {
+        d->columns[i].density = (float)(sums[i] / (d->side * d->side) * scale);
+        if (d->details[i] == 0) continue;
+        read_block(d, weights, i, inside);
+        fill_table(d, d->tables + (size_t)(d->details[i] - 1) * table_size(d), inside, scale);
+    }
+    free(sums);
     free(row_sums);
     return d;
 }
@@ -112,6 +199,8 @@ void distribution_destroy(distribution_t **distribution)
     free(d->column_guides);
     free(d->rows);
     free(d->row_guide);
+    free(d->details);
+    free(d->tables);
     free(d);
     *distribution = NULL;
 }
@@ -123,14 +212,17 @@ static uint32_t cell_of(float at, uint32_t count)
     return (uint32_t)cell;
 }
 
-/* Draws a cell: the first whose cumulative probability is above u. Its own probability is thus not 0. Returns
- * a coordinate inside it, in the sense of cell_of, whatever the rounding. */
-static float invert(const axis_t *axis, float u, uint32_t *cell)
+/* Draws a cell: the first whose cumulative probability is above u. Its own probability is thus not 0. Where
+ * u lies between its ends is *part. */
+static uint32_t invert(const axis_t *axis, float u, float *part)
 {
     u = float_min(float_max(u, 0), 0x1.fffffep-1f);
-    uint32_t bucket = (uint32_t)(u * (float)axis->buckets);
-    uint32_t low = axis->guide[bucket];
-    uint32_t high = bucket + 1 < axis->buckets ? axis->guide[bucket + 1] : axis->count - 1;
+    uint32_t low = 0, high = axis->count - 1;
+    if (axis->guide != NULL) {
+        uint32_t bucket = (uint32_t)(u * (float)axis->buckets);
+        low = axis->guide[bucket];
+        if (bucket + 1 < axis->buckets) high = axis->guide[bucket + 1];
+    }
     while (low < high) {
         uint32_t middle = low + (high - low) / 2;
         if (axis->cells[middle].cumulative > u)
@@ -138,30 +230,53 @@ static float invert(const axis_t *axis, float u, uint32_t *cell)
         else
             low = middle + 1;
     }
-    *cell = low;
     float before = low > 0 ? axis->cells[low - 1].cumulative : 0;
-    float part = (u - before) / (axis->cells[low].cumulative - before);
-    float at = float_min(((float)low + part) / (float)axis->count, 0x1.fffffep-1f);
-    while (cell_of(at, axis->count) > low) at = nextafterf(at, 0);
-    while (cell_of(at, axis->count) < low) at = nextafterf(at, 1);
+    *part = (u - before) / (axis->cells[low].cumulative - before);
+    return low;
+}
+
+/* A coordinate inside a cell, in the sense of cell_of, whatever the rounding. */
+static float place(uint32_t cell, float part, uint32_t count)
+{
+    float at = float_min(((float)cell + part) / (float)count, 0x1.fffffep-1f);
+    while (cell_of(at, count) > cell) at = nextafterf(at, 0);
+    while (cell_of(at, count) < cell) at = nextafterf(at, 1);
     return at;
+}
+
+/* The table of an uneven block; NULL for others. */
+static const cell_t *table_of(const distribution_t *d, size_t block)
+{
+    return d->details[block] > 0 ? d->tables + (size_t)(d->details[block] - 1) * table_size(d) : NULL;
 }
 
 vec2_t distribution_sample(const distribution_t *d, vec2_t u, float *pdf)
 {
     *pdf = 0;
     if (!(d->total > 0)) return u;
-    uint32_t x, y;
-    axis_t rows = {d->height, d->row_buckets, d->rows, d->row_guide};
-    float at_y = invert(&rows, u.y, &y);
-    axis_t columns = {d->width, d->column_buckets, d->columns + (size_t)y * d->width,
+    axis_t rows = {d->down, d->row_buckets, d->rows, d->row_guide};
+    uint32_t y = invert(&rows, u.y, &u.y);
+    size_t start = (size_t)y * d->across;
+    axis_t columns = {d->across, d->column_buckets, d->columns + start,
                       d->column_guides + (size_t)y * d->column_buckets};
-    float at_x = invert(&columns, u.x, &x);
+    uint32_t x = invert(&columns, u.x, &u.x);
+    const cell_t *table = table_of(d, start + x);
     *pdf = columns.cells[x].density;
-    return (vec2_t){at_x, at_y};
+    if (table == NULL) return (vec2_t){place(x, u.x, d->across), place(y, u.y, d->down)};
+    axis_t inner_rows = {d->side, 0, table, NULL};
+    uint32_t inner_y = invert(&inner_rows, u.y, &u.y);
+    axis_t inner_columns = {d->side, 0, table + d->side + (size_t)inner_y * d->side, NULL};
+    uint32_t inner_x = invert(&inner_columns, u.x, &u.x);
+    *pdf = inner_columns.cells[inner_x].density;
+    return (vec2_t){place(x * d->side + inner_x, u.x, d->width),
+                    place(y * d->side + inner_y, u.y, d->height)};
 }
 
 float distribution_pdf(const distribution_t *d, vec2_t at)
 {
-    return d->columns[(size_t)cell_of(at.y, d->height) * d->width + cell_of(at.x, d->width)].density;
+    uint32_t x = cell_of(at.x, d->width), y = cell_of(at.y, d->height), side = d->side;
+    size_t block = (size_t)(y / side) * d->across + x / side;
+    const cell_t *table = table_of(d, block);
+    return table != NULL ? table[side + (size_t)(y % side) * side + x % side].density
+                         : d->columns[block].density;
 }

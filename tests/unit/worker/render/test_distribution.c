@@ -54,7 +54,7 @@ static void samples_follow_the_density(void **state)
     enum { BINS = CELLS * PARTS * PARTS };
     float weights[CELLS];
     uneven_weights(weights);
-    distribution_t *d = distribution_new(weights, WIDTH, HEIGHT);
+    distribution_t *d = distribution_new(weights, WIDTH, HEIGHT, 0);
     double *observed = mem_zalloc(BINS, sizeof *observed), *expected = mem_zalloc(BINS, sizeof *expected);
     for (uint64_t i = 0; i < DRAWS; i++) {
         float pdf;
@@ -81,7 +81,7 @@ static void density_is_weight_over_mean(void **state)
     (void)state;
     float weights[CELLS];
     uneven_weights(weights);
-    distribution_t *d = distribution_new(weights, WIDTH, HEIGHT);
+    distribution_t *d = distribution_new(weights, WIDTH, HEIGHT, 0);
     double sum = 0, integral = 0;
     for (size_t i = 0; i < CELLS; i++) sum += (double)weights[i];
     for (uint32_t i = 0; i < CELLS; i++) {
@@ -94,13 +94,99 @@ static void density_is_weight_over_mean(void **state)
     distribution_destroy(&d);
 }
 
+/* ---- a grid so large that its cells make blocks ---- */
+
+enum {
+    LARGE_X = 512,
+    LARGE_Y = 256,
+    LARGE = LARGE_X * LARGE_Y,
+    SUN_X = 301,
+    SUN_Y = 77,
+    SUN = 3,
+    COARSE = 8
+};
+
+static bool is_sun(uint32_t i)
+{
+    uint32_t x = i % LARGE_X, y = i / LARGE_X;
+    return x >= SUN_X && x < SUN_X + SUN && y >= SUN_Y && y < SUN_Y + SUN;
+}
+
+static bool is_night(uint32_t i)
+{
+    return i / LARGE_X >= LARGE_Y / 2 + 1; /* the rim lies inside of blocks */
+}
+
+/* A sky that brightens slowly, with a small sun, over a black ground. */
+static distribution_t *sky(float tolerance, float weights[LARGE])
+{
+    for (uint32_t i = 0; i < LARGE; i++)
+        weights[i] = is_sun(i) ? 3e4f : is_night(i) ? 0 : 1 + (float)(i % LARGE_X) / LARGE_X;
+    return distribution_new(weights, LARGE_X, LARGE_Y, tolerance);
+}
+
+static vec2_t middle_of(uint32_t i)
+{
+    return (vec2_t){((float)(i % LARGE_X) + 0.5f) / LARGE_X, ((float)(i / LARGE_X) + 0.5f) / LARGE_Y};
+}
+
+/* With the tolerance the slow change is lost; edges and small bright things are not. */
+static void large_grids_keep_what_is_uneven(void **state)
+{
+    (void)state;
+    float *weights = mem_alloc(LARGE * sizeof *weights);
+    for (int rough = 0; rough < 2; rough++) {
+        distribution_t *d = sky(rough ? 0.02f : 0, weights);
+        double sum = 0, integral = 0;
+        for (uint32_t i = 0; i < LARGE; i++) sum += (double)weights[i];
+        for (uint32_t i = 0; i < LARGE; i++) {
+            double pdf = (double)distribution_pdf(d, middle_of(i)),
+                   expected = (double)weights[i] * LARGE / sum;
+            double slack = rough && !is_sun(i) ? 0.02 : 1e-6;
+            if (!(fabs(pdf - expected) <= slack * expected))
+                fail_msg("cell %u: %g, not %g", i, pdf, expected);
+            integral += pdf / LARGE;
+        }
+        assert_true(fabs(integral - 1) < 1e-5);
+        distribution_destroy(&d);
+    }
+    free(weights);
+}
+
+static void samples_follow_the_density_of_large_grids(void **state)
+{
+    (void)state;
+    enum { ACROSS = LARGE_X / COARSE, BINS = ACROSS * (LARGE_Y / COARSE) + SUN * SUN };
+    float *weights = mem_alloc(LARGE * sizeof *weights);
+    distribution_t *d = sky(0.02f, weights);
+    double *observed = mem_zalloc(BINS, sizeof *observed), *expected = mem_zalloc(BINS, sizeof *expected);
+    size_t bins[LARGE];
+    for (uint32_t i = 0, sun = BINS - SUN * SUN; i < LARGE; i++) {
+        bins[i] = is_sun(i) ? sun++ : (size_t)(i / LARGE_X / COARSE) * ACROSS + i % LARGE_X / COARSE;
+        expected[bins[i]] += (double)distribution_pdf(d, middle_of(i)) * DRAWS / LARGE;
+    }
+    for (uint64_t k = 0; k < DRAWS; k++) {
+        float pdf;
+        vec2_t at = distribution_sample(d, uniform_pair(k), &pdf);
+        uint32_t i = (uint32_t)(at.y * LARGE_Y) * LARGE_X + (uint32_t)(at.x * LARGE_X);
+        assert_true(pdf > 0 && pdf == distribution_pdf(d, at) && weights[i] > 0);
+        observed[bins[i]]++;
+    }
+    double p = chi_square_p(observed, expected, BINS, DRAWS);
+    if (!(p > 1e-3)) fail_msg("p = %g", p);
+    free(observed);
+    free(expected);
+    free(weights);
+    distribution_destroy(&d);
+}
+
 /* The numbers at which rounding could lead into an empty cell. */
 static void empty_cells_are_never_drawn(void **state)
 {
     (void)state;
     float weights[CELLS];
     uneven_weights(weights);
-    distribution_t *d = distribution_new(weights, WIDTH, HEIGHT);
+    distribution_t *d = distribution_new(weights, WIDTH, HEIGHT, 0);
     float edges[2 + 2 * (CELLS + 1)];
     size_t count = 0;
     for (int i = 0; i <= CELLS; i++) {
@@ -126,7 +212,7 @@ static void the_first_number_of_a_cell_falls_into_it(void **state)
     float weights[WIDEST];
     for (uint32_t width = 2; width <= WIDEST; width++) {
         for (uint32_t i = 0; i < width; i++) weights[i] = i % 2 == 0 ? 0 : 1;
-        distribution_t *d = distribution_new(weights, width, 1);
+        distribution_t *d = distribution_new(weights, width, 1, 0);
         for (uint32_t k = 0; k < width / 2; k++) {
             float pdf;
             vec2_t at = distribution_sample(d, (vec2_t){(float)((double)k / (width / 2)), 0.5f}, &pdf);
@@ -146,7 +232,7 @@ static void one_bright_cell_gets_every_point(void **state)
     for (uint64_t k = 0; k < 40; k++) {
         uint32_t x = (uint32_t)(uniform(2 * k) * SIDE), y = (uint32_t)(uniform(2 * k + 1) * SIDE);
         weights[y * SIDE + x] = 1e-30f;
-        distribution_t *d = distribution_new(weights, SIDE, SIDE);
+        distribution_t *d = distribution_new(weights, SIDE, SIDE, 0);
         for (uint64_t i = 0; i < 200; i++) {
             float pdf;
             vec2_t u = i == 0   ? (vec2_t){0, 0}
@@ -166,7 +252,7 @@ static void where_all_is_dark_nothing_is_drawn(void **state)
 {
     (void)state;
     const float weights[4] = {0, -1, NAN, INFINITY};
-    distribution_t *d = distribution_new(weights, 2, 2);
+    distribution_t *d = distribution_new(weights, 2, 2, 0);
     float pdf = 1;
     distribution_sample(d, (vec2_t){0.5f, 0.5f}, &pdf);
     assert_true(pdf == 0);
@@ -179,7 +265,7 @@ static void outside_the_density_is_of_the_nearest_cell(void **state)
 {
     (void)state;
     const float weights[4] = {1, 2, 3, 4};
-    distribution_t *d = distribution_new(weights, 2, 2);
+    distribution_t *d = distribution_new(weights, 2, 2, 0);
     assert_true(distribution_pdf(d, (vec2_t){1, 1}) == 1.6f);
     assert_true(distribution_pdf(d, (vec2_t){-1, 1e30f}) == 1.2f);
     assert_true(distribution_pdf(d, (vec2_t){NAN, NAN}) == 0.4f);
@@ -271,6 +357,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(samples_follow_the_density),
         cmocka_unit_test(density_is_weight_over_mean),
+        cmocka_unit_test(large_grids_keep_what_is_uneven),
+        cmocka_unit_test(samples_follow_the_density_of_large_grids),
         cmocka_unit_test(empty_cells_are_never_drawn),
         cmocka_unit_test(the_first_number_of_a_cell_falls_into_it),
         cmocka_unit_test(one_bright_cell_gets_every_point),
