@@ -130,11 +130,24 @@ rgb_t light_map_value(const light_map_t *map, vec3_t d)
     return value_at(map, place_of(map->mapping, d));
 }
 
-vec3_t light_map_sample(const light_map_t *map, vec2_t u, float *pdf)
+/* A place of the image; *pdf as in light_map_sample. */
+static vec2_t draw_place(const light_map_t *map, vec2_t u, float *pdf)
 {
     vec2_t st = distribution_sample(map->distribution, u, pdf);
     float stretch = 4 * PI_F * stretch_at(map->mapping, st.y);
     *pdf = stretch > 0 ? *pdf / stretch : 0;
+    return st;
+}
+
+vec3_t light_map_sample(const light_map_t *map, vec2_t u, float *pdf)
+{
+    return direction_at(map->mapping, draw_place(map, u, pdf));
+}
+
+vec3_t light_map_draw(const light_map_t *map, vec2_t u, float *pdf, rgb_t *value)
+{
+    vec2_t st = draw_place(map, u, pdf);
+    *value = value_at(map, st);
     return direction_at(map->mapping, st);
 }
 

@@ -26,6 +26,8 @@ void light_map_free(light_map_t *map);
 rgb_t light_map_value(const light_map_t *map, vec3_t d);
 /* Draws a direction; *pdf per steradian, 0 when the image is black. */
 vec3_t light_map_sample(const light_map_t *map, vec2_t u, float *pdf);
+/* The same, and the image in that direction. */
+vec3_t light_map_draw(const light_map_t *map, vec2_t u, float *pdf, rgb_t *value);
 /* The density of light_map_sample at d. */
 float light_map_pdf(const light_map_t *map, vec3_t d);
 /* Value and density at once. */

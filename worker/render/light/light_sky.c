@@ -135,14 +135,17 @@ static void *infinite_prepare(const light_t *light)
     return state;
 }
 
-static vec3_t infinite_draw(const light_t *light, vec2_t u, float *pdf)
+static vec3_t infinite_draw(const light_t *light, vec2_t u, float *pdf, rgb_t *radiance)
 {
     if (light->record->image == 0) {
         *pdf = light->chance * (0.25f * INV_PI_F);
+        *radiance = light->record->radiance.factor;
         return warp_sphere(u);
     }
-    vec3_t d = light_map_sample(&state_of(light)->map, u, pdf);
+    rgb_t image;
+    vec3_t d = light_map_draw(&state_of(light)->map, u, pdf, &image);
     *pdf *= light->chance * warp_density_factor(&light->record->world_from_light, d);
+    *radiance = tinted(light, image);
     return v_normalize(xform_vector(&light->record->world_from_light, d));
 }
 
@@ -168,10 +171,11 @@ static bool infinite_emit(const light_t *light, float choice, vec2_t place, vec2
 {
     (void)choice;
     if (has_portal(light)) return portal_emit(light, place, ray, out);
-    vec3_t w = infinite_draw(light, place, &out->pdf_place);
+    rgb_t radiance;
+    vec3_t w = infinite_draw(light, place, &out->pdf_place, &radiance);
     if (!(out->pdf_place > 0)) return false;
     start_ray(light, w, ray, out);
-    out->throughput = v_scale(infinite_radiance(light, w), 1 / (out->pdf_place * out->pdf_ray));
+    out->throughput = v_scale(radiance, 1 / (out->pdf_place * out->pdf_ray));
     return !v_is_zero(out->throughput);
 }
 
@@ -206,10 +210,9 @@ static bool infinite_illuminate(const light_t *light, float choice, vec3_t point
 {
     (void)choice;
     if (has_portal(light)) return portal_illuminate(light, point, place, out);
-    vec3_t w = infinite_draw(light, place, &out->pdf_place);
+    vec3_t w = infinite_draw(light, place, &out->pdf_place, &out->radiance);
     if (!(out->pdf_place > 0)) return false;
     look_at(light, point, w, out);
-    out->radiance = infinite_radiance(light, w);
     return !v_is_zero(out->radiance);
 }
 
