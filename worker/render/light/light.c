@@ -32,9 +32,15 @@ static void place_lights(lights_t *lights, const scene_t *scene)
     scene_bounds(scene, &centre, &radius);
     /* A scene without extent still has room for a ray. */
     radius = float_max(radius, 1e-3f);
+    float margin = 1e-3f * radius;
+    vec3_t half_sides = v_add(scene_half_sides(scene), vec3(margin, margin, margin));
     for (uint32_t i = 0; i < lights->count; i++) {
         light_t *light = &lights->lights[i];
-        *light = (light_t){.scene = scene, .record = &blob->lights[i], .centre = centre, .radius = radius};
+        *light = (light_t){.scene = scene,
+                           .record = &blob->lights[i],
+                           .centre = centre,
+                           .radius = radius,
+                           .half_sides = half_sides};
         const light_ops_t *kind = kinds[light->record->kind];
         if (kind->prepare != NULL) light->state = kind->prepare(light);
         if (kind->escape != NULL) lights->sky[lights->sky_count++] = i;

@@ -104,9 +104,10 @@ typedef struct {
     const scene_t *scene;
     const blob_light_t *record;
     void *state;
-    vec3_t centre; /* of a sphere about the scene */
+    vec3_t centre; /* of a sphere and of an upright box about the scene */
     float radius;
-    float chance; /* of being chosen */
+    vec3_t half_sides; /* of the box, a little larger than the scene */
+    float chance;      /* of being chosen */
 } light_t;
 
 typedef struct {

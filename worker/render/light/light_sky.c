@@ -1,5 +1,5 @@
 /* light_sky: lights at infinity: the distant one, in a single direction, and the infinite one, in all. Their
- * rays start on a disc across the direction that covers the sphere about the scene; those of an infinite
+ * rays start on the upright box about the scene, evenly as their direction sees it; those of an infinite
  * light with a portal on the portal, or rather so far before it that all of the scene is in front of them. */
 #include "worker/render/light/light_map.h"
 #include "worker/render/light/light_portal.h"
@@ -42,27 +42,40 @@ static void release(void *state)
     free(state);
 }
 
-/* Of the disc that rays start on. */
+/* Of the disc that the sphere about the scene shows. */
 static double disc_area(const light_t *light)
 {
     return M_PI * (double)light->radius * (double)light->radius;
 }
 
-static float disc_pdf(const light_t *light)
+/* What the faces of the box about the scene across x, y and z show of their area in the direction w. */
+static vec3_t faces_seen(const light_t *light, vec3_t w)
 {
-    return 1 / (PI_F * light->radius * light->radius);
+    vec3_t h = light->half_sides;
+    return vec3(4 * fabsf(w.x) * h.y * h.z, 4 * fabsf(w.y) * h.z * h.x, 4 * fabsf(w.z) * h.x * h.y);
 }
 
-/* A ray from the sky's direction w. */
+/* Of parallel rays along w that start on the box. */
+static float ray_pdf(const light_t *light, vec3_t w)
+{
+    vec3_t seen = faces_seen(light, w);
+    return 1 / (seen.x + seen.y + seen.z);
+}
+
+/* A ray from the sky's direction w. It starts on one of the three faces of the box that w sees. */
 static void start_ray(const light_t *light, vec3_t w, vec2_t u, light_ray_t *out)
 {
-    vec3_t s, t;
-    vec2_t disc = warp_disc(u);
-    v_frame(w, &s, &t);
-    vec3_t centre = v_mad(light->centre, light->radius, w);
-    out->origin = v_mad(v_mad(centre, light->radius * disc.x, s), light->radius * disc.y, t);
+    vec3_t seen = faces_seen(light, w), h = light->half_sides, at;
+    float x = u.x * (seen.x + seen.y + seen.z), y = 2 * u.y - 1;
+    if (x < seen.x)
+        at = vec3(copysignf(h.x, w.x), h.y * (2 * x / seen.x - 1), h.z * y);
+    else if (x - seen.x < seen.y)
+        at = vec3(h.x * y, copysignf(h.y, w.y), h.z * (2 * (x - seen.x) / seen.y - 1));
+    else
+        at = vec3(h.x * (2 * float_min((x - seen.x - seen.y) / seen.z, 1) - 1), h.y * y, copysignf(h.z, w.z));
+    out->origin = v_add(light->centre, at);
     out->direction = v_neg(w);
-    out->pdf_ray = disc_pdf(light);
+    out->pdf_ray = ray_pdf(light, w);
     out->at_infinity = true;
 }
 
@@ -72,7 +85,7 @@ static void look_at(const light_t *light, vec3_t point, vec3_t w, light_view_t *
     out->w = w;
     out->target = v_mad(point, v_length(v_sub(point, light->centre)) + 2 * light->radius, w);
     out->geometry = 1;
-    out->arrival = disc_pdf(light);
+    out->arrival = ray_pdf(light, w);
     out->at_infinity = true;
 }
 
@@ -231,7 +244,7 @@ static bool portal_escape(const light_t *light, vec3_t point, vec3_t w, light_hi
 static bool infinite_escape(const light_t *light, vec3_t point, vec3_t w, light_hit_t *out)
 {
     if (has_portal(light)) return portal_escape(light, point, w, out);
-    out->pdf_ray = disc_pdf(light);
+    out->pdf_ray = ray_pdf(light, w);
     if (light->record->image == 0) {
         out->radiance = light->record->radiance.factor;
         out->pdf_place = light->chance * (0.25f * INV_PI_F);

@@ -108,14 +108,21 @@ bool scene_moves(const scene_t *scene)
     return scene->moves;
 }
 
+vec3_t scene_half_sides(const scene_t *scene)
+{
+    struct RTCBounds b;
+    rtcGetSceneBounds(scene->world, &b);
+    if (!(b.lower_x <= b.upper_x)) return vec3(0, 0, 0);
+    return v_scale(vec3(b.upper_x - b.lower_x, b.upper_y - b.lower_y, b.upper_z - b.lower_z), 0.5f);
+}
+
 void scene_bounds(const scene_t *scene, vec3_t *centre, float *radius)
 {
     struct RTCBounds b;
     rtcGetSceneBounds(scene->world, &b);
     *centre = vec3(0, 0, 0);
-    *radius = 0;
+    *radius = v_length(scene_half_sides(scene)) * 1.0001f;
     if (!(b.lower_x <= b.upper_x)) return;
     vec3_t low = vec3(b.lower_x, b.lower_y, b.lower_z), high = vec3(b.upper_x, b.upper_y, b.upper_z);
     *centre = v_scale(v_add(low, high), 0.5f);
-    *radius = 0.5f * v_length(v_sub(high, low)) * 1.0001f;
 }

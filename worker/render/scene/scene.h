@@ -48,6 +48,8 @@ bool scene_material_varies(const scene_t *scene, const blob_material_t *material
 const quadric_t *scene_quadric(const scene_t *scene, const blob_shape_t *shape);
 /* A sphere about everything; radius 0 for an empty scene. */
 void scene_bounds(const scene_t *scene, vec3_t *centre, float *radius);
+/* Half the sides of the upright box about that centre that holds the scene; 0 when it is empty. */
+vec3_t scene_half_sides(const scene_t *scene);
 /* True when something moves, so that a path's time matters. */
 bool scene_moves(const scene_t *scene);
 
