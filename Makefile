@@ -12,7 +12,7 @@ Q       := $(if $(V),,@)
 BASELINE := -march=x86-64-v3 -mtune=skylake -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
 PACKAGES := expat libmicrohttpd libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg libwebp draco OpenEXR jansson sqlite3 libcurl libmurmurhash
-ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos census check check-fast demo asan tsan fuzz chaos hostile valgrind container-check sim bench bench-plot bench-mesh bench-error bench-environment bench-merge bench-farm bench-watch bench-link bench-large bench-textures bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
+ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos census check check-fast demo asan tsan fuzz chaos hostile valgrind container-check sim bench bench-plot bench-mesh bench-error bench-environment bench-cycles bench-merge bench-farm bench-watch bench-link bench-large bench-textures bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 ifneq ($(.SHELLSTATUS),0)
 $(error $(strip $(foreach package,$(PACKAGES),$(if $(shell pkg-config --exists $(package) && echo yes),,$(package)))) is missing: run make deps)
@@ -295,6 +295,11 @@ bench-environment: deps-test
 	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_environment
 	$(BUILD)/tests/bench/bench_environment
 
+# Beside the Cycles of Debian's Blender, which has to be installed: half an hour. CYCLES="--folder /tmp/cycles product"
+bench-cycles: deps-test
+	$(SUBMAKE) $(JOBS) all
+	/usr/bin/python3 tests/bench/cycles/compare.py --build $(BUILD) $(CYCLES)
+
 # The master's merge rate as a share of memcpy's (docs/scale.md).
 bench-merge: deps-test
 	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_merge
@@ -416,6 +421,7 @@ help:
 	@echo "make bench-mesh   time and memory for a mesh of a million triangles"
 	@echo "make bench-error  jobs that end by --error: is it the error?"
 	@echo "make bench-environment  --environment against a dome of triangles with the same image"
+	@echo "make bench-cycles  error and time beside Blender's Cycles (CYCLES=options)"
 	@echo "make bench-merge  how fast a master merges, as a share of memcpy"
 	@echo "make bench-farm   CPU time of a farm beside its rendering; two workers against one"
 	@echo "make bench-watch  what a hundred people who watch a job cost the farm"
@@ -431,5 +437,5 @@ help:
 	@echo "make compdb     compile_commands.json for editors"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all census check check-fast bench bench-plot bench-mesh bench-error bench-environment bench-codec tests fast-tests run-tests asan tsan fuzz demo pictures deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm bench-watch bench-link bench-large bench-textures chaos chaos-programs hostile valgrind deps-test
+.PHONY: all census check check-fast bench bench-plot bench-mesh bench-error bench-environment bench-cycles bench-codec tests fast-tests run-tests asan tsan fuzz demo pictures deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm bench-watch bench-link bench-large bench-textures chaos chaos-programs hostile valgrind deps-test
 .SECONDARY:
