@@ -31,7 +31,7 @@ enum {
     JOB_MIN_TILE = 8,
     JOB_MAX_TILE = 256,
     JOB_MEAN_BOOST = 4, /* an adaptive job gives a tile a power of two of its round's base samples, up to */
-    JOB_MAX_BOOST = 16, /* this, and to all of them in the mean the other (master/schedule/plan.h) */
+    JOB_MAX_BOOST = 16, /* this, and to all of them in the mean the other (master/schedule/next_round.h) */
     JOB_MAX_ADAPTIVE_SPP = JOB_MAX_SPP / JOB_MAX_BOOST,
     JOB_MAX_SAVES = 64,     /* sample counts in save_at */
     JOB_MAX_NAME = 200,     /* bytes */
@@ -59,7 +59,7 @@ typedef struct {
     bool features;                  /* layers of what the eye rays meet first are wanted (film_sums.h) */
     bool cryptomatte;               /* mattes are wanted (film_sums.h); not with the integrator light */
     double error;      /* the job ends when its estimated relative error is at most this; 0: not (film.h) */
-    bool adaptive;     /* noisy tiles get more samples; spp is the mean (master/schedule/plan.h) */
+    bool adaptive;     /* noisy tiles get more samples; spp is the mean (master/schedule/next_round.h) */
     save_at_t save_at; /* not with adaptive; what lies beyond spp is never reached */
     char light_groups[LIGHT_GROUPS_TEXT + 1]; /* resolved (light_groups.h); empty: none */
 } job_settings_t;
@@ -118,8 +118,8 @@ uint32_t job_tile_pixels(const job_settings_t *settings, uint32_t tile);
 uint64_t unit_samples(const job_settings_t *settings, const unit_t *unit);
 /* and of the whole job; 0 when spp does not end it. */
 uint64_t job_total_samples(const job_settings_t *settings);
-/* True when the job goes by rounds (master/schedule/plan.h): they are decided from its film, or end at its
- * milestones. */
+/* True when the job goes by rounds (master/schedule/next_round.h): they are decided from its film, or end at
+ * its milestones. */
 bool job_is_planned(const job_settings_t *settings);
 /* True when rounds are decided from the film: not all of them end at milestones. */
 bool job_follows_noise(const job_settings_t *settings);

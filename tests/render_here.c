@@ -1,7 +1,7 @@
 /* render_here: see render_here.h. */
 #include "tests/render_here.h"
 
-#include "master/schedule/plan.h"
+#include "master/schedule/next_round.h"
 #include "master/schedule/schedule.h"
 #include "tests/films.h"
 
@@ -87,16 +87,16 @@ film_t *render_planned(const scene_blob_t *blob, const job_settings_t *settings,
     check(renderer_new(blob, settings, &renderer));
     check(film_new(settings, &film));
     schedule_t *schedule = schedule_new(settings);
-    plan_round_t last = {mem_zalloc(tiles, sizeof(uint32_t)), mem_zalloc(tiles, sizeof(uint32_t))},
-                 next = {mem_zalloc(tiles, sizeof(uint32_t)), mem_zalloc(tiles, sizeof(uint32_t))};
+    round_t last = {mem_zalloc(tiles, sizeof(uint32_t)), mem_zalloc(tiles, sizeof(uint32_t))},
+            next = {mem_zalloc(tiles, sizeof(uint32_t)), mem_zalloc(tiles, sizeof(uint32_t))};
     *planned = (planned_t){.shown = mem_zalloc(pixels, sizeof(float))};
-    for (; plan_next(settings, planned->rounds, planned->rounds > 0 ? &last : NULL, film, &next,
-                     &planned->error) == PLAN_ROUND;
+    for (; next_round(settings, planned->rounds, planned->rounds > 0 ? &last : NULL, film, &next,
+                      &planned->error) == ROUND_NEXT;
          planned->rounds++) {
         schedule_open_round(schedule, next.ends, next.weights);
         render_round(renderer, film, schedule, unit_samples, stride);
         assert_true(schedule_round_counted(schedule));
-        plan_round_t done = last;
+        round_t done = last;
         last = next;
         next = done;
     }

@@ -20,7 +20,7 @@ film_t *film_of_batch(batch_t *batch);
 typedef struct {
     uint32_t rounds;
     double samples; /* a pixel, in the mean */
-    double error;   /* as plan_next estimated it at the end */
+    double error;   /* as next_round estimated it at the end */
     float *shown;   /* the numbers of samples of the pixels, schedule_show_samples; the caller frees them */
 } planned_t;
 

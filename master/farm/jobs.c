@@ -50,7 +50,7 @@
  * job comes back with its film (after a restart, or when it is extended) by way of the queue: keep.c. */
 #include "master/farm/parts.h"
 
-#include "master/schedule/plan.h"
+#include "master/schedule/next_round.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -135,12 +135,12 @@ static uint64_t awaited_bytes(const farm_t *farm)
 }
 
 /* The tiles of a round, in fresh memory. */
-static plan_round_t round_new(uint32_t tiles)
+static round_t round_new(uint32_t tiles)
 {
-    return (plan_round_t){mem_zalloc(tiles, sizeof(uint32_t)), mem_zalloc(tiles, sizeof(uint32_t))};
+    return (round_t){mem_zalloc(tiles, sizeof(uint32_t)), mem_zalloc(tiles, sizeof(uint32_t))};
 }
 
-static void round_free(plan_round_t *round)
+static void round_free(round_t *round)
 {
     free(round->ends);
     free(round->weights);
@@ -150,9 +150,9 @@ static void round_free(plan_round_t *round)
 static void open_first_round(job_t *job)
 {
     if (!job_is_planned(&job->kept.settings)) return;
-    plan_round_t first = round_new(job_tile_count(&job->kept.settings));
+    round_t first = round_new(job_tile_count(&job->kept.settings));
     double error;
-    if (plan_next(&job->kept.settings, 0, NULL, NULL, &first, &error) == PLAN_ROUND)
+    if (next_round(&job->kept.settings, 0, NULL, NULL, &first, &error) == ROUND_NEXT)
         schedule_open_round(job->schedule, first.ends, first.weights);
     round_free(&first);
 }
@@ -192,11 +192,11 @@ bool farm_job_start(farm_t *farm, double now, job_t *job)
 
 /* ---- rounds -------------------------------------------------------------------------------------------- */
 
-/* What plan_next is asked with, copied, since it is asked without the lock. */
+/* What next_round is asked with, copied, since it is asked without the lock. */
 typedef struct {
     job_settings_t settings;
     uint32_t round_count;
-    plan_round_t last, next;
+    round_t last, next;
     uint64_t samples, batches;
 } question_t;
 
@@ -233,16 +233,16 @@ static bool question_stands(const question_t *question, const job_t *job)
 }
 
 /* The job's rounds are decided by its film, which takes a while to look at: the lock is let go meanwhile. */
-static void plan_round(farm_t *farm, double now, job_t *job)
+static void decide_round(farm_t *farm, double now, job_t *job)
 {
     question_t question = question_new(job);
     double error = 0;
     shared_film_t *shared_film = farm_job_film_hold(job);
     job->planning = true;
     farm_unlock(farm);
-    plan_verdict_t verdict =
-        plan_next(&question.settings, question.round_count, question.round_count > 0 ? &question.last : NULL,
-                  shared_film_lock(shared_film), &question.next, &error);
+    round_verdict_t verdict =
+        next_round(&question.settings, question.round_count, question.round_count > 0 ? &question.last : NULL,
+                   shared_film_lock(shared_film), &question.next, &error);
     shared_film_unlock(shared_film);
     farm_lock(farm);
     farm_job_film_let_go(farm, job);
@@ -250,7 +250,7 @@ static void plan_round(farm_t *farm, double now, job_t *job)
     if (job->film == FILM_OPEN && question_stands(&question, job)) {
         job->kept.error = error;
         farm_job_note_error(farm, now, job, question.samples, error);
-        if (verdict == PLAN_ROUND)
+        if (verdict == ROUND_NEXT)
             schedule_open_round(job->schedule, question.next.ends, question.next.weights);
         else
             farm_job_close(farm, now, job, JOB_DONE);
@@ -265,7 +265,7 @@ void farm_job_progress(farm_t *farm, double now, job_t *job)
     while (job->film == FILM_OPEN && job->merging == 0 && !job->planning &&
            schedule_round_counted(job->schedule) && !trust_pending(job) && !farm_milestone_waits(farm, job)) {
         if (job_is_planned(&job->kept.settings))
-            plan_round(farm, now, job);
+            decide_round(farm, now, job);
         else
             farm_job_close(farm, now, job, JOB_DONE);
     }

@@ -1,9 +1,9 @@
 /* milestones: images that are kept at sample counts (job_settings_t.save_at; see farm.h).
  *
- * DESIGN. A round ends at each milestone (master/schedule/plan.h), and the next is not opened before the
- * image is on the disk, flushed. So no sample beyond a milestone is in anybody's hands before its image is
- * safe: the image is that of a job with so many samples, to the last bit, and there is no moment at which a
- * crash could lose it. After a restart the film is short of the milestone, or stands at it and the image is
+ * DESIGN. A round ends at each milestone (master/schedule/next_round.h), and the next is not opened before
+ * the image is on the disk, flushed. So no sample beyond a milestone is in anybody's hands before its image
+ * is safe: the image is that of a job with so many samples, to the last bit, and there is no moment at which
+ * a crash could lose it. After a restart the film is short of the milestone, or stands at it and the image is
  * written once more, or was allowed to go beyond, and then it was there. The price: workers wait for each
  * other, as at the end of a job, and for the file. A second film would not need that, but would double the
  * memory of the job, its checkpoints and the work of merging.

@@ -58,7 +58,7 @@ size_t schedule_holders(const schedule_t *schedule);
 /* Pixel samples counted. */
 uint64_t schedule_done(const schedule_t *schedule);
 
-/* ---- rounds (plan.h) ---- */
+/* ---- rounds (next_round.h) ---- */
 
 enum { SCHEDULE_MAX_ROUNDS = 1000 };
 

@@ -1,10 +1,10 @@
 /* bench_error: do jobs that are to stop at an error stop at that error?
  *
  * Renders cornell and seed-hidden with several seeds until the estimated relative error is E
- * (master/schedule/plan.h), and measures the true one against a long render by the same formula (film_noise
- * in common/film/film.h). It must lie between E / 2 and 3 E / 2. For comparison it prints two other errors:
- * the root of the relMSE of `lightmill compare`, and the distance of the images over the length of the
- * reference as vectors.
+ * (master/schedule/next_round.h), and measures the true one against a long render by the same formula
+ * (film_noise in common/film/film.h). It must lie between E / 2 and 3 E / 2. For comparison it prints two
+ * other errors: the root of the relMSE of `lightmill compare`, and the distance of the images over the length
+ * of the reference as vectors.
  *
  * usage: bench_error [SEEDS [E [RESOLUTION [adaptive]]]]      from the top of the tree; one process a scene
  */

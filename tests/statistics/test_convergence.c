@@ -1,4 +1,4 @@
-/* Planned jobs (master/schedule/plan.h) with the real renderer: the error that ends a job is the error,
+/* Planned jobs (master/schedule/next_round.h) with the real renderer: the error that ends a job is the error,
  * adaptive images are right on average and better than others where the noise is uneven, and the same bits
  * however they were made. */
 #include "client/import/import.h"

@@ -1,7 +1,7 @@
-/* Tests of master/schedule/plan.c: when jobs end, how far rounds go, where their samples go, and that every
- * pixel has the same weight in every round. The films are made up; tests/statistics/test_convergence.c
+/* Tests of master/schedule/next_round.c: when jobs end, how far rounds go, where their samples go, and that
+ * every pixel has the same weight in every round. The films are made up; tests/statistics/test_convergence.c
  * renders. */
-#include "master/schedule/plan.h"
+#include "master/schedule/next_round.h"
 #include "master/schedule/schedule.h"
 
 #include <math.h>
@@ -42,11 +42,11 @@ static run_t run_begin(const job_settings_t *settings)
     return run;
 }
 
-static plan_verdict_t run_plan(run_t *run)
+static round_verdict_t run_next(run_t *run)
 {
-    plan_round_t last = {run->ends, run->weights}, next = {run->next_ends, run->next_weights};
-    return plan_next(&run->settings, run->rounds, run->rounds > 0 ? &last : NULL, run->film, &next,
-                     &run->error);
+    round_t last = {run->ends, run->weights}, next = {run->next_ends, run->next_weights};
+    return next_round(&run->settings, run->rounds, run->rounds > 0 ? &last : NULL, run->film, &next,
+                      &run->error);
 }
 
 /* The standard error of the image when each sample has this much noise, and half the sign in either half:
@@ -108,7 +108,7 @@ static void an_error_is_reached_in_few_rounds(void **state)
         job_settings_t settings = job_of(40, 24, JOB_MAX_SPP);
         settings.error = errors[i];
         run_t run = run_begin(&settings);
-        while (run_plan(&run) == PLAN_ROUND) {
+        while (run_next(&run) == ROUND_NEXT) {
             assert_true(run.rounds == 0 || run.error > settings.error);
             assert_true(run.next_ends[0] >= 1.25 * run.ends[0]);
             assert_true(run.rounds == 0 ? run.next_ends[0] == 16 : run.next_ends[0] <= 2 * run.ends[0]);
@@ -136,7 +136,7 @@ static void spp_is_the_cap(void **state)
         job_settings_t settings = job_of(40, 24, caps[i]);
         settings.error = 0.0001;
         run_t run = run_begin(&settings);
-        while (run_plan(&run) == PLAN_ROUND) run_count(&run, noise);
+        while (run_next(&run) == ROUND_NEXT) run_count(&run, noise);
         for (uint32_t t = 0; t < run.tiles; t++) assert_int_equal(run.ends[t], caps[i]);
         run_end(&run);
     }
@@ -148,7 +148,7 @@ static uint32_t ends_of(const job_settings_t *settings, uint32_t ends[10])
     double noise[MAX_TILES];
     fill(noise, 1);
     run_t run = run_begin(settings);
-    while (run.rounds < 10 && run_plan(&run) == PLAN_ROUND) {
+    while (run.rounds < 10 && run_next(&run) == ROUND_NEXT) {
         for (uint32_t t = 0; t < run.tiles; t++) {
             assert_int_equal(run.next_ends[t], run.next_ends[0]);
             assert_int_equal(run.next_weights[t], 1);
@@ -187,10 +187,10 @@ static void a_black_image_goes_on(void **state)
     job_settings_t settings = job_of(16, 8, JOB_MAX_SPP);
     settings.error = 0.5;
     run_t run = run_begin(&settings);
-    assert_int_equal(run_plan(&run), PLAN_ROUND);
+    assert_int_equal(run_next(&run), ROUND_NEXT);
     run_count(&run, (double[]){0, 0});
     memset(run.film->sums[SUM_EYE], 0, sum_image_values(&settings, SUM_SPLAT) * sizeof(int64_t));
-    assert_int_equal(run_plan(&run), PLAN_ROUND);
+    assert_int_equal(run_next(&run), ROUND_NEXT);
     assert_true(run.error == 0); /* not known */
     assert_int_equal(run.next_ends[1], 32);
     run_end(&run);
@@ -209,7 +209,7 @@ static void tiles_that_lag_catch_up(void **state)
     memcpy(run.next_ends, ends, sizeof ends);
     for (int t = 0; t < 4; t++) run.next_weights[t] = 1;
     run_count(&run, noise);
-    assert_int_equal(run_plan(&run), PLAN_ROUND);
+    assert_int_equal(run_next(&run), ROUND_NEXT);
     const uint32_t expected[] = {40, 90, 40, 40};
     assert_memory_equal(run.next_ends, expected, sizeof expected);
     run_end(&run);
@@ -218,7 +218,7 @@ static void tiles_that_lag_catch_up(void **state)
     memcpy(run.next_ends, (uint32_t[]){0, 90, 3, 21}, sizeof ends);
     for (int t = 0; t < 4; t++) run.next_weights[t] = 1;
     run_count(&run, noise);
-    assert_int_equal(run_plan(&run), PLAN_ROUND);
+    assert_int_equal(run_next(&run), ROUND_NEXT);
     assert_memory_equal(run.next_ends, ((uint32_t[]){16, 90, 16, 21}), sizeof expected);
     run_end(&run);
 }
@@ -272,7 +272,7 @@ static void every_round_weighs_the_same_everywhere(void **state)
             bool even = settings.width % 8 == 0 && settings.height % 8 == 0;
             uint32_t total = 0;
             run_t run = run_begin(&settings);
-            while (run_plan(&run) == PLAN_ROUND) {
+            while (run_next(&run) == ROUND_NEXT) {
                 uint32_t added = check_weights(&run) / JOB_MEAN_BOOST;
                 uint64_t round = round_cost(&run);
                 assert_true(added > 0 && round <= added * pixels);
@@ -286,7 +286,7 @@ static void every_round_weighs_the_same_everywhere(void **state)
             assert_true(cost > 0.97 * (double)pixels * caps[k]);
             /* The next time there is more to be had. */
             run.settings.spp = caps[k] + 51;
-            while (run_plan(&run) == PLAN_ROUND) {
+            while (run_next(&run) == ROUND_NEXT) {
                 total += check_weights(&run) / JOB_MEAN_BOOST;
                 run_count(&run, noise);
                 assert_true(run.rounds < 24);
@@ -315,9 +315,9 @@ static void the_spread_is_about_the_best(void **state)
         settings.adaptive = true;
         uneven_noise(noise, seed);
         run_t run = run_begin(&settings);
-        assert_int_equal(run_plan(&run), PLAN_ROUND);
+        assert_int_equal(run_next(&run), ROUND_NEXT);
         run_count(&run, noise);
-        assert_int_equal(run_plan(&run), PLAN_ROUND);
+        assert_int_equal(run_next(&run), ROUND_NEXT);
         double best = INFINITY, ours = squared_error(&run, noise);
         for (uint32_t code = 0; code < 15625; code++) { /* 5^6 */
             uint32_t cost = 0, digits = code;
@@ -347,12 +347,12 @@ static void the_noise_of_a_sample_is_what_counts(void **state)
     uneven_noise(noise, 5);
     run_t run = run_begin(&settings);
     for (int i = 0; i < 2; i++) {
-        assert_int_equal(run_plan(&run), PLAN_ROUND);
+        assert_int_equal(run_next(&run), ROUND_NEXT);
         run_count(&run, noise);
     }
     uint32_t weights[MAX_TILES];
     memcpy(weights, run.weights, sizeof weights);
-    assert_int_equal(run_plan(&run), PLAN_ROUND);
+    assert_int_equal(run_next(&run), ROUND_NEXT);
     assert_memory_equal(run.next_weights, weights, sizeof weights);
     run_end(&run);
 }
@@ -365,7 +365,7 @@ static void without_noise_the_budget_is_spent_evenly(void **state)
     double noise[MAX_TILES];
     fill(noise, 0);
     run_t run = run_begin(&settings);
-    while (run_plan(&run) == PLAN_ROUND) {
+    while (run_next(&run) == ROUND_NEXT) {
         for (uint32_t t = 0; t < run.tiles; t++) assert_int_equal(run.next_weights[t], 4);
         run_count(&run, noise);
     }
@@ -382,7 +382,7 @@ static void error_and_adaptive_go_together(void **state)
     double noise[MAX_TILES];
     uneven_noise(noise, 3);
     run_t run = run_begin(&settings);
-    while (run_plan(&run) == PLAN_ROUND) {
+    while (run_next(&run) == ROUND_NEXT) {
         check_weights(&run);
         run_count(&run, noise);
         assert_true(run.rounds < 40);
@@ -400,7 +400,7 @@ static void a_job_without_end_stays_in_range(void **state)
     settings.film_scale = 0;
     settings.time_limit = 1e9;
     run_t run = run_begin(&settings);
-    while (run_plan(&run) == PLAN_ROUND) {
+    while (run_next(&run) == ROUND_NEXT) {
         run_count(&run, (double[]){1, 1e-6});
         assert_true(run.rounds < 40);
         assert_true(run.ends[0] <= JOB_MAX_SPP);
@@ -411,7 +411,7 @@ static void a_job_without_end_stays_in_range(void **state)
 }
 
 /* Rounds, as the schedule hands them out: what is issued is what was planned. */
-static void the_schedule_follows_the_plan(void **state)
+static void the_schedule_follows_the_rounds(void **state)
 {
     (void)state;
     job_settings_t settings = job_of(61, 37, 100);
@@ -421,7 +421,7 @@ static void the_schedule_follows_the_plan(void **state)
     run_t run = run_begin(&settings);
     schedule_t *schedule = schedule_new(&settings);
     uint32_t weight[MAX_TILES] = {0};
-    while (schedule_round_counted(schedule) && run_plan(&run) == PLAN_ROUND) {
+    while (schedule_round_counted(schedule) && run_next(&run) == ROUND_NEXT) {
         schedule_open_round(schedule, run.next_ends, run.next_weights);
         run_count(&run, noise);
         for (unit_t unit; schedule_take(schedule, &(schedule_wish_t){1, 500, 500, 1, 1}, &unit, 1) == 1;) {
@@ -450,6 +450,6 @@ int main(void)
                                        cmocka_unit_test(without_noise_the_budget_is_spent_evenly),
                                        cmocka_unit_test(error_and_adaptive_go_together),
                                        cmocka_unit_test(a_job_without_end_stays_in_range),
-                                       cmocka_unit_test(the_schedule_follows_the_plan)};
-    return cmocka_run_group_tests_name("plan", tests, NULL, NULL);
+                                       cmocka_unit_test(the_schedule_follows_the_rounds)};
+    return cmocka_run_group_tests_name("next_round", tests, NULL, NULL);
 }

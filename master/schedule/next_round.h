@@ -1,7 +1,7 @@
-/* plan: how many samples each tile gets, round by round, for jobs that stop at an error, follow the noise, or
- * keep images at sample counts.
+/* next_round: how many samples each tile gets, round by round, for jobs that stop at an error, follow the
+ * noise, or keep images at sample counts.
  *
- * A round is counted whole before the next is planned, from the film alone. So a decision depends on nothing
+ * A round is counted whole before the next is decided, from the film alone. So a decision depends on nothing
  * but the samples counted at a fixed point: the same job makes the same decisions on any farm, in any order,
  * after any number of restarts.
  *
@@ -16,8 +16,8 @@
  * right on average whatever was decided before it: the decisions make no bias. (docs/convergence.md has the
  * rest of the argument, and its limits.)
  */
-#ifndef LIGHTMILL_PLAN_H
-#define LIGHTMILL_PLAN_H
+#ifndef LIGHTMILL_NEXT_ROUND_H
+#define LIGHTMILL_NEXT_ROUND_H
 
 #include "common/film/film.h"
 
@@ -26,15 +26,15 @@
 typedef struct {
     uint32_t *ends;
     uint32_t *weights;
-} plan_round_t;
+} round_t;
 
-typedef enum { PLAN_ROUND, PLAN_DONE } plan_verdict_t;
+typedef enum { ROUND_NEXT, ROUND_NONE } round_verdict_t;
 
 /* Decides what comes after `round_count` counted rounds, of which `last` (NULL when there was none) is the
  * latest: fills `next`, or says that the job is done. The settings are those of a planned job
  * (job_is_planned). `film` holds exactly what was counted; it may be NULL before the first round. *error is
  * the estimated relative error so far (film_noise), 0 when not known or of no use. */
-plan_verdict_t plan_next(const job_settings_t *settings, uint32_t round_count, const plan_round_t *last,
-                         const film_t *film, plan_round_t *next, double *error);
+round_verdict_t next_round(const job_settings_t *settings, uint32_t round_count, const round_t *last,
+                           const film_t *film, round_t *next, double *error);
 
 #endif

@@ -1,4 +1,4 @@
-/* plan: see plan.h.
+/* next_round: see next_round.h.
  *
  * DESIGN. What matters is the mean number of samples a pixel, `total`. The first round has FIRST_ROUND,
  * enough to see where the noise is, and each further round goes on to a total that is
@@ -19,7 +19,7 @@
  * reduces the first by v_t / (2 m_t) and costs p_t m_t: the gain for each pixel sample falls with every
  * doubling, so taking doublings by falling gain until the budget is spent is the best spread there is. Splats
  * are left out: they come from the light paths of all tiles alike. */
-#include "master/schedule/plan.h"
+#include "master/schedule/next_round.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -56,7 +56,7 @@ static uint32_t mean_samples(const job_settings_t *settings, const film_t *film)
 }
 
 /* The samples that all tiles have; some have more when the job was first to be ended by time. */
-static uint32_t least_samples(const job_settings_t *settings, const plan_round_t *last)
+static uint32_t least_samples(const job_settings_t *settings, const round_t *last)
 {
     uint32_t least = UINT32_MAX, tiles = job_tile_count(settings);
     for (uint32_t t = 0; t < tiles; t++)
@@ -103,8 +103,7 @@ static uint32_t first_total(const job_settings_t *settings, uint32_t cap)
 /* ---- where --------------------------------------------------------------------------------------------- */
 
 /* Up to `total` for all tiles that have less. */
-static void plan_evenly(const job_settings_t *settings, const plan_round_t *last, uint32_t total,
-                        plan_round_t *next)
+static void even_round(const job_settings_t *settings, const round_t *last, uint32_t total, round_t *next)
 {
     uint32_t tiles = job_tile_count(settings);
     for (uint32_t t = 0; t < tiles; t++) {
@@ -114,8 +113,7 @@ static void plan_evenly(const job_settings_t *settings, const plan_round_t *last
 }
 
 /* So many more for all tiles: what is too little for multiples. */
-static void plan_rest(const job_settings_t *settings, const plan_round_t *last, uint32_t more,
-                      plan_round_t *next)
+static void rest_round(const job_settings_t *settings, const round_t *last, uint32_t more, round_t *next)
 {
     uint32_t tiles = job_tile_count(settings);
     for (uint32_t t = 0; t < tiles; t++) {
@@ -140,7 +138,7 @@ static int step_order(const void *a, const void *b)
 }
 
 /* All steps of all tiles, by falling gain. `noise` is the squared eye noise of the tiles as they are. */
-static step_t *sorted_steps(const job_settings_t *settings, const plan_round_t *last, const double *noise)
+static step_t *sorted_steps(const job_settings_t *settings, const round_t *last, const double *noise)
 {
     uint32_t tiles = job_tile_count(settings);
     step_t *steps = mem_alloc((size_t)MAX_DOUBLINGS * tiles * sizeof *steps);
@@ -155,8 +153,8 @@ static step_t *sorted_steps(const job_settings_t *settings, const plan_round_t *
 
 /* `base` samples for each tile times a multiple by its noise. Ends hold the exponents of the multiples
  * meanwhile. */
-static void plan_by_noise(const job_settings_t *settings, const plan_round_t *last, const double *noise,
-                          uint32_t base, plan_round_t *next)
+static void noise_round(const job_settings_t *settings, const round_t *last, const double *noise,
+                        uint32_t base, round_t *next)
 {
     uint32_t tiles = job_tile_count(settings);
     uint64_t pixels = (uint64_t)settings->width * (uint64_t)settings->height;
@@ -176,14 +174,14 @@ static void plan_by_noise(const job_settings_t *settings, const plan_round_t *la
     }
 }
 
-plan_verdict_t plan_next(const job_settings_t *settings, uint32_t round_count, const plan_round_t *last,
-                         const film_t *film, plan_round_t *next, double *error)
+round_verdict_t next_round(const job_settings_t *settings, uint32_t round_count, const round_t *last,
+                           const film_t *film, round_t *next, double *error)
 {
     uint32_t cap = sample_cap(settings);
     *error = 0;
     if (round_count == 0) {
-        plan_evenly(settings, NULL, first_total(settings, cap), next);
-        return PLAN_ROUND;
+        even_round(settings, NULL, first_total(settings, cap), next);
+        return ROUND_NEXT;
     }
     double *noise = mem_zalloc(job_tile_count(settings), sizeof *noise);
     double estimate = job_follows_noise(settings) ? film_noise(film, noise) : INFINITY;
@@ -192,11 +190,11 @@ plan_verdict_t plan_next(const job_settings_t *settings, uint32_t round_count, c
     bool done = total >= cap || (settings->error > 0 && estimate <= settings->error);
     uint32_t goal = done ? total : next_total(settings, total, cap, estimate);
     if (!done && !settings->adaptive)
-        plan_evenly(settings, last, goal, next);
+        even_round(settings, last, goal, next);
     else if (!done && goal - total < ROUND_UNIT)
-        plan_rest(settings, last, goal - total, next);
+        rest_round(settings, last, goal - total, next);
     else if (!done)
-        plan_by_noise(settings, last, noise, (goal - total) / JOB_MEAN_BOOST, next);
+        noise_round(settings, last, noise, (goal - total) / JOB_MEAN_BOOST, next);
     free(noise);
-    return done ? PLAN_DONE : PLAN_ROUND;
+    return done ? ROUND_NONE : ROUND_NEXT;
 }
