@@ -54,7 +54,8 @@ job_settings_t job_settings_default(void)
                             .spp = 64,
                             .tile_size = 32,
                             .film_scale = FILM_DEFAULT_SCALE,
-                            .features = true};
+                            .features = true,
+                            .learn = true};
 }
 
 static result_t check_range(const char *name, int64_t value, int64_t low, int64_t high)
@@ -253,6 +254,7 @@ hash_t job_content_hash(const job_settings_t *settings, const hash_t *blob)
         settings->strategy_s, settings->strategy_t, settings->unweighted, settings->features);
     if (settings->cryptomatte)
         length += snprintf(text + length, sizeof text - (size_t)length, " cryptomatte");
+    if (settings->learn) length += snprintf(text + length, sizeof text - (size_t)length, " learn");
     if (settings->light_groups[0] != '\0')
         length += snprintf(text + length, sizeof text - (size_t)length, " groups %s", settings->light_groups);
     return hash_bytes(text, (size_t)length);

@@ -57,6 +57,7 @@ typedef struct {
     int32_t strategy_s, strategy_t; /* of bdpt: only paths of so many light and eye vertices; both 0: all */
     bool unweighted;                /* that strategy without its weight in the combination */
     bool features;                  /* layers of what the eye rays meet first are wanted (film_sums.h) */
+    bool learn;                     /* later samples are placed by what earlier ones show (film/learning.h) */
     bool cryptomatte;               /* mattes are wanted (film_sums.h); not with the integrator light */
     double error;      /* the job ends when its estimated relative error is at most this; 0: not (film.h) */
     bool adaptive;     /* noisy tiles get more samples; spp is the mean (master/schedule/next_round.h) */
@@ -100,7 +101,7 @@ bool units_same(const unit_t *a, size_t a_count, const unit_t *b, size_t b_count
 result_t units_check_apart(const unit_t *units, size_t count);
 
 /* Defaults: bdpt, sobol, seed 0, 1280 x 720, depth 8, 64 spp, tiles of 32, FILM_DEFAULT_SCALE,
- * with features. */
+ * with features, learning. */
 job_settings_t job_settings_default(void);
 /* Checks every field against the limits above; the message names the field, its value and the range. */
 result_t job_settings_check(const job_settings_t *settings);

@@ -17,7 +17,7 @@ void ledger_free(ledger_t *ledger)
     unit_queue_free(&ledger->free);
     free(ledger->out);
     free(ledger->summed);
-    *ledger = (ledger_t){.settings = ledger->settings};
+    *ledger = (ledger_t){.settings = ledger->settings, .plans = ledger->plans};
 }
 
 /* Samples a pixel that two units share. */
@@ -72,8 +72,8 @@ size_t ledger_lend(ledger_t *ledger, uint64_t worker, uint64_t samples, unit_t *
 {
     size_t count = 0;
     uint64_t lent = 0;
-    while (count < capacity && unit_queue_length(&ledger->free) > 0 && (count == 0 || lent < samples)) {
-        units[count] = unit_queue_pop(&ledger->free, &ledger->settings);
+    while (count < capacity && (count == 0 || lent < samples) &&
+           unit_queue_pop(&ledger->free, &ledger->settings, ledger->plans, &units[count])) {
         lent += unit_samples(&ledger->settings, &units[count]);
         add_loan(ledger, worker, &units[count++]);
     }

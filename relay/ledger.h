@@ -21,6 +21,7 @@ typedef struct {
 typedef struct {
     job_settings_t settings;
     unit_queue_t free; /* in the order in which they came */
+    uint32_t plans;    /* passes whose plans are here (learning_ready): units of the others are not lent */
     loan_t *out;
     size_t out_count, out_capacity;
     unit_t *summed;
@@ -32,8 +33,8 @@ void ledger_free(ledger_t *ledger);
 
 /* Adds units as free ones, without the samples that are here already. */
 void ledger_put(ledger_t *ledger, const unit_t *units, size_t count);
-/* Lends free units of about `samples` pixel samples to a worker, at least one if there is any; returns how
- * many, at most `capacity`. */
+/* Lends free units of about `samples` pixel samples to a worker, at least one if there is any that can be
+ * rendered; returns how many, at most `capacity`. */
 size_t ledger_lend(ledger_t *ledger, uint64_t worker, uint64_t samples, unit_t *units, size_t capacity);
 /* Lends exactly this unit if all of it is free. */
 bool ledger_lend_unit(ledger_t *ledger, uint64_t worker, const unit_t *unit);

@@ -64,6 +64,7 @@ static void free_job(relay_job_t *job)
     pool_parcel_free(job->under_way);
     ledger_free(&job->ledger);
     issued_free(&job->issued);
+    for (uint32_t pass = 0; pass < LEARNING_PASSES; pass++) free(job->plan_bytes[pass]);
     blob_close(&job->blob);
     pthread_rwlock_destroy(&job->adding);
     free(job);

@@ -62,8 +62,10 @@ typedef struct {
     hash_t content, blob_hash;
     job_settings_t settings;
     uint64_t blob_size;
-    bool loaded;       /* the blob is here */
-    scene_blob_t blob; /* mapped */
+    bool loaded;                          /* the blob is here */
+    scene_blob_t blob;                    /* mapped */
+    hash_t plans[LEARNING_PASSES];        /* by pass; all zero: none was named */
+    uint8_t *plan_bytes[LEARNING_PASSES]; /* NULL: it is not here; else ledger.plans has its bit */
     ledger_t ledger;
     issued_t issued; /* how the master issued what is in it */
     relay_check_t **checks;
@@ -102,7 +104,8 @@ struct pool {
     size_t notice_count, notice_capacity;
     double uplink_interval; /* seconds between the batches that the master wants */
     bool no_more, draining;
-    bool offered; /* the last duty was to offer a batch */
+    bool offered; /* the last duty, but for plans, was to offer a batch */
+    bool fetched; /* the last duty was to fetch a plan */
     uint64_t sequence;
     double last_tick;
     result_t failure;

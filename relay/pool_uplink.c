@@ -29,12 +29,14 @@ static bool make_room(pool_t *pool)
     return pool->job_count < POOL_MAX_JOBS;
 }
 
-/* The job of an assignment; a number alone does not make it the same (job_content_hash). NULL when
- * there is no room: the master gives the units to others in time. */
+/* The job of an assignment; a number alone does not make it the same (job_content_hash, and the plans that it
+ * goes by). NULL when there is no room: the master gives the units to others in time. */
 static relay_job_t *job_of(pool_t *pool, const assignment_t *assignment)
 {
     relay_job_t *job = pool_find_job(pool, assignment->job);
-    if (job != NULL && hash_equal(&job->content, &assignment->content)) return job;
+    if (job != NULL && hash_equal(&job->content, &assignment->content) &&
+        assignment_plans_agree(job->plans, assignment->plans))
+        return job;
     if (job != NULL) pool_drop_job(pool, job);
     if (!make_room(pool)) return NULL;
     job = mem_zalloc(1, sizeof *job);
@@ -76,6 +78,8 @@ static void assign(void *self, const assignment_t *assignment)
         job->settings = assignment->settings;      /* the number of samples may have been extended */
         if (job->flush) pool_end_flush(pool, job); /* its workers were told to drop the rest */
         job->over = job->flush = false;
+        for (uint32_t pass = 0; pass < LEARNING_PASSES; pass++)
+            if (!hash_is_zero(&assignment->plans[pass])) job->plans[pass] = assignment->plans[pass];
         if (assignment->check != 0) {
             add_check(job, assignment);
         } else {
@@ -316,8 +320,33 @@ static void find_load(pool_t *pool, duty_t *duty)
     }
 }
 
+/* The pass of a unit of a job that waits for its plan; LEARNING_PASSES: none does. */
+static uint32_t lacking_pass(const relay_job_t *job)
+{
+    for (size_t i = 0; i < job->check_count; i++)
+        for (size_t u = 0; u < job->checks[i]->count; u++) {
+            uint32_t first = job->checks[i]->units[u].first;
+            if (!learning_ready(&job->settings, first, job->ledger.plans))
+                return learning_pass(&job->settings, first);
+        }
+    return unit_queue_lacks(&job->ledger.free, &job->settings, job->ledger.plans);
+}
+
+/* Finds a plan that is to be fetched. */
+static void find_plan(const pool_t *pool, duty_t *duty)
+{
+    for (size_t i = 0; i < pool->job_count && duty->kind == DUTY_NONE; i++) {
+        const relay_job_t *job = pool->jobs[i];
+        duty->pass = lacking_pass(job);
+        if (duty->pass == LEARNING_PASSES || job->over || job->gone) continue;
+        duty->kind = DUTY_PLAN;
+        duty->assignment = (assignment_t){.job = job->id, .settings = job->settings, .content = job->content};
+        memcpy(duty->assignment.plans, job->plans, sizeof job->plans);
+    }
+}
+
 /* Sums and scenes take turns: a scene gives way to a sum (pressing), but sums that are always ready do not
- * keep it away. */
+ * keep it away. Plans are small, and units wait for them; but one that does not come keeps no sum. */
 static duty_t find_duty(void *self, double batch_interval, double rate)
 {
     pool_t *pool = self;
@@ -326,9 +355,12 @@ static duty_t find_duty(void *self, double batch_interval, double rate)
     (void)rate;
     pool->uplink_interval = batch_interval;
     pool_sweep(pool);
-    find_any_offer(pool, &duty);
-    if (duty.kind == DUTY_NONE || pool->offered) find_load(pool, &duty);
-    pool->offered = duty.kind == DUTY_OFFER;
+    if (!pool->fetched) find_plan(pool, &duty);
+    if (duty.kind == DUTY_NONE) find_any_offer(pool, &duty);
+    if (duty.kind == DUTY_NONE || (duty.kind == DUTY_OFFER && pool->offered)) find_load(pool, &duty);
+    if (duty.kind == DUTY_NONE) find_plan(pool, &duty);
+    pool->fetched = duty.kind == DUTY_PLAN;
+    pool->offered = duty.kind == DUTY_OFFER || (pool->offered && pool->fetched);
     pool_unlock(pool);
     return duty;
 }
@@ -367,6 +399,26 @@ static result_t loaded(void *self, uint64_t id, scene_blob_t *blob)
     job->blob = *blob;
     job->loaded = true;
     pool_notify_idle(pool);
+    pool_unlock(pool);
+    return result_ok();
+}
+
+static result_t planned(void *self, const assignment_t *assignment, uint32_t pass, const uint8_t *bytes,
+                        size_t size)
+{
+    pool_t *pool = self;
+    learning_plan_t plan;
+    TRY(learning_plan_read(bytes, size, &assignment->content, &plan));
+    pool_lock(pool);
+    relay_job_t *job = pool_find_job(pool, assignment->job);
+    /* There may be another job of this number by now, or another plan (job_of). */
+    if (job != NULL && hash_equal(&job->plans[pass], &assignment->plans[pass]) &&
+        job->plan_bytes[pass] == NULL) {
+        job->plan_bytes[pass] = mem_alloc(size);
+        memcpy(job->plan_bytes[pass], bytes, size);
+        job->ledger.plans |= UINT32_C(1) << pass;
+        pool_notify_idle(pool);
+    }
     pool_unlock(pool);
     return result_ok();
 }
@@ -494,6 +546,7 @@ uplink_handler_t pool_uplink(pool_t *pool)
                                          .unwanted = unwanted,
                                          .pressing = pressing,
                                          .loaded = loaded,
+                                         .planned = planned,
                                          .refuse = refuse,
                                          .close = close_batch,
                                          .sent = sent};

@@ -182,12 +182,31 @@ static void describe(const relay_job_t *job, work_t *work)
     work->blob_size = job->blob_size;
 }
 
+/* Names the plans that units of a job go by. */
+static void name_plans(const relay_job_t *job, work_t *work)
+{
+    memset(work->plans, 0, sizeof work->plans);
+    for (size_t i = 0; i < work->unit_count && job_learns(&job->settings); i++) {
+        uint32_t pass = learning_pass(&job->settings, work->units[i].first);
+        work->plans[pass] = job->plans[pass];
+    }
+}
+
+/* Whether the plans are here that a check goes by. */
+static bool is_ready(const relay_job_t *job, const relay_check_t *check)
+{
+    bool ready = true;
+    for (size_t i = 0; i < check->count; i++)
+        ready &= learning_ready(&job->settings, check->units[i].first, job->ledger.plans);
+    return ready;
+}
+
 /* A check that nobody has; false when there is none. */
 static bool take_check(relay_job_t *job, uint64_t worker, work_t *work)
 {
     for (size_t i = 0; i < job->check_count; i++) {
         relay_check_t *check = job->checks[i];
-        if (check->worker != 0 || check->done) continue;
+        if (check->worker != 0 || check->done || !is_ready(job, check)) continue;
         check->worker = worker;
         memcpy(work->units, check->units, check->count * sizeof *work->units);
         work->unit_count = check->count;
@@ -201,8 +220,9 @@ static void take_from_job(relay_job_t *job, uint64_t worker, uint64_t samples, w
 {
     if (!job->loaded || job->over || job->gone) return;
     describe(job, work);
-    if (take_check(job, worker, work)) return;
-    work->unit_count = ledger_lend(&job->ledger, worker, samples, work->units, WIRE_MAX_UNITS);
+    if (!take_check(job, worker, work))
+        work->unit_count = ledger_lend(&job->ledger, worker, samples, work->units, WIRE_MAX_UNITS);
+    name_plans(job, work);
 }
 
 /* The job that the worker has loaded goes first, so that scenes are not changed more often than need be. */
@@ -519,12 +539,38 @@ static relay_job_t *job_with_blob(pool_t *pool, const hash_t *hash)
     return NULL;
 }
 
+/* Likewise, a plan; *size is its bytes. */
+static relay_job_t *job_with_plan(const pool_t *pool, const hash_t *hash, const uint8_t **bytes, size_t *size)
+{
+    for (size_t i = 0; i < pool->job_count; i++)
+        for (uint32_t pass = 0; pass < LEARNING_PASSES; pass++) {
+            relay_job_t *job = pool->jobs[i];
+            if (job->gone || job->plan_bytes[pass] == NULL || !hash_equal(&job->plans[pass], hash)) continue;
+            *bytes = job->plan_bytes[pass];
+            *size = learning_plan_bytes(pass);
+            return job;
+        }
+    return NULL;
+}
+
+/* The job that has some blob, scene or plan, and its bytes. */
+static relay_job_t *find_blob(pool_t *pool, const hash_t *hash, const uint8_t **bytes, size_t *size)
+{
+    relay_job_t *job = job_with_blob(pool, hash);
+    if (job == NULL) return job_with_plan(pool, hash, bytes, size);
+    *bytes = job->blob.bytes;
+    *size = job->blob.size;
+    return job;
+}
+
 static result_t blob_size(void *self, const hash_t *hash, uint64_t *size)
 {
     pool_t *pool = self;
+    const uint8_t *bytes;
+    size_t length = 0;
     pool_lock(pool);
-    const relay_job_t *job = job_with_blob(pool, hash);
-    if (job != NULL) *size = job->blob.size;
+    const relay_job_t *job = find_blob(pool, hash, &bytes, &length);
+    *size = length;
     pool_unlock(pool);
     return job != NULL ? result_ok() : result_fail(RESULT_INPUT, "this relay does not have the blob now");
 }
@@ -533,11 +579,13 @@ static result_t blob_read(void *self, const hash_t *hash, uint64_t offset, void 
 {
     pool_t *pool = self;
     pool_lock(pool);
-    relay_job_t *job = job_with_blob(pool, hash);
+    const uint8_t *from;
+    size_t size;
+    relay_job_t *job = find_blob(pool, hash, &from, &size);
     if (job != NULL) job->users++;
     pool_unlock(pool);
     if (job == NULL) return result_fail(RESULT_INPUT, "this relay does not have the blob now");
-    memcpy(bytes, (const uint8_t *)job->blob.bytes + offset, length);
+    memcpy(bytes, from + offset, length);
     pool_lock(pool);
     job->users--;
     pool_unlock(pool);

@@ -50,14 +50,16 @@ const batch_t *sum_batch(const sum_t *sum)
 
 /* ---- reading ------------------------------------------------------------------------------------------- */
 
-/* Reads the frames to their ends. */
+/* Reads the frames to their ends, and checks lessons. */
 static result_t check_frames(payload_reader_t *reader, const addend_t *addend)
 {
+    lesson_limits_t limits = batch_lesson_limits(&addend->batch);
     for (sum_kind_t k = 0; k < BATCH_SUMS; k++) {
         if (!film_sums[k].frame) continue;
         TRY(payload_open(reader, &addend->payload[k], k, batch_expected_values(&addend->batch, k)));
-        for (payload_piece_t piece; payload_read(reader, &piece);) {
-        }
+        for (payload_piece_t piece; payload_read(reader, &piece);)
+            if (k == SUM_LESSONS && !payload_lessons_possible(&piece, &limits))
+                return result_fail(RESULT_PROTOCOL, "%s sums that no sample can have", film_sums[k].name);
         TRY(payload_end(reader));
     }
     return result_ok();

@@ -16,20 +16,42 @@ static void check(result_t result)
     if (result.code != RESULT_OK) fail_msg("%s", result.message);
 }
 
+void plan_here(renderer_t *renderer, const job_settings_t *settings, uint32_t pass, const int64_t *lessons)
+{
+    learning_plan_t plan = {pass, learning_teachers(pass), lessons};
+    if (job_learns(settings) && plan.teachers > 0) renderer_plan(renderer, &plan);
+}
+
+/* All samples of a pass; of a job that does not learn, all samples. */
+static void render_pass(const renderer_t *renderer, uint32_t pass, batch_t *batch)
+{
+    const job_settings_t *settings = &batch->settings;
+    uint32_t begin = 0, end = settings->spp;
+    unit_result_t result = {0};
+    atomic_bool cancel = false;
+    if (job_learns(settings)) {
+        begin = learning_pass_begin(settings, pass);
+        if (learning_pass_begin(settings, pass + 1) < end) end = learning_pass_begin(settings, pass + 1);
+    }
+    for (uint32_t tile = 0; tile < job_tile_count(settings); tile++) {
+        unit_t unit = {tile, begin, end - begin};
+        assert_true(renderer_unit(renderer, &unit, &result, &cancel));
+        batch_add(batch, &result);
+    }
+    unit_result_free(&result);
+}
+
 void render_batch_here(const scene_blob_t *blob, const job_settings_t *settings, batch_t *batch)
 {
     renderer_t *renderer;
     check(job_settings_check(settings));
     check(renderer_new(blob, settings, &renderer));
     batch_init(batch, settings);
-    unit_result_t result = {0};
-    atomic_bool cancel = false;
-    for (uint32_t tile = 0; tile < job_tile_count(settings); tile++) {
-        unit_t unit = {tile, 0, settings->spp};
-        assert_true(renderer_unit(renderer, &unit, &result, &cancel));
-        batch_add(batch, &result);
+    uint32_t last = job_learns(settings) ? learning_pass(settings, settings->spp - 1) : 0;
+    for (uint32_t pass = 0; pass <= last; pass++) {
+        plan_here(renderer, settings, pass, job_learns(settings) ? batch_frame(batch, SUM_LESSONS) : NULL);
+        render_pass(renderer, pass, batch);
     }
-    unit_result_free(&result);
     renderer_destroy(&renderer);
 }
 
@@ -65,15 +87,29 @@ static void render_weighted(const renderer_t *renderer, film_t *film, schedule_t
     batch_free(&batch);
 }
 
-/* Everything that the open rounds allow. */
-static void render_round(const renderer_t *renderer, film_t *film, schedule_t *schedule,
-                         uint64_t unit_samples, size_t stride)
+/* Everything that the open rounds and passes allow. */
+static void render_open(const renderer_t *renderer, film_t *film, schedule_t *schedule, uint64_t unit_samples,
+                        size_t stride)
 {
     unit_t units[64];
     schedule_wish_t wish = {1, UINT64_MAX, unit_samples, 1, 1};
     for (size_t n; (n = schedule_take(schedule, &wish, units, ARRAY_LENGTH(units))) > 0;)
         for (size_t first = 0; first < stride; first++)
             for (size_t i = first; i < n; i += stride) render_weighted(renderer, film, schedule, &units[i]);
+}
+
+/* Everything that the open rounds allow, pass by pass. */
+static void render_round(renderer_t *renderer, film_t *film, schedule_t *schedule, uint64_t unit_samples,
+                         size_t stride)
+{
+    render_open(renderer, film, schedule, unit_samples, stride);
+    for (uint32_t pass; (pass = schedule_next_pass(schedule)) > 0;) {
+        plan_here(renderer, &film->settings, pass, film->sums[SUM_LESSONS]);
+        schedule_teach(schedule);
+        film->settled = learning_teachers(pass);
+        schedule_open_pass(schedule);
+        render_open(renderer, film, schedule, unit_samples, stride);
+    }
 }
 
 film_t *render_planned(const scene_blob_t *blob, const job_settings_t *settings, uint64_t unit_samples,

@@ -16,6 +16,10 @@ film_t *render_here(const scene_blob_t *blob, const job_settings_t *settings);
 void render_batch_here(const scene_blob_t *blob, const job_settings_t *settings, batch_t *batch);
 film_t *film_of_batch(batch_t *batch);
 
+/* Makes a renderer ready for a pass of a job, if it learns: `lessons` are those of a film or a batch that has
+ * all of the passes that teach it. */
+void plan_here(renderer_t *renderer, const job_settings_t *settings, uint32_t pass, const int64_t *lessons);
+
 /* How a planned job went. */
 typedef struct {
     uint32_t rounds;

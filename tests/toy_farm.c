@@ -56,7 +56,7 @@ job_settings_t toy_settings(void)
     job_settings_t settings = job_settings_default();
     settings.width = settings.height = 32;
     settings.tile_size = 16;
-    settings.features = false;
+    settings.features = settings.learn = false;
     settings.spp = 4;
     return settings;
 }

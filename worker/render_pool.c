@@ -52,13 +52,17 @@ typedef struct {
 static bool take_piece(render_pool_t *pool, piece_t *piece)
 {
     if (pool->stage != STAGE_READY || pool->over) return false;
+    unit_t unit;
     unit_check_t *check = checks_next(&pool->checks);
-    if (check != NULL && !pool->draining) {
+    bool ready = check != NULL &&
+                 learning_ready(&pool->current.settings, check->units[check->begun].first, pool->plans);
+    if (ready && !pool->draining) {
         *piece = (piece_t){check->units[check->begun], check, check->begun};
         check->begun++;
         check->rendering++;
-    } else if (unit_queue_length(&pool->queue) > 0 && !atomic_load(&pool->full)) {
-        *piece = (piece_t){.unit = unit_queue_pop(&pool->queue, &pool->current.settings)};
+    } else if (!atomic_load(&pool->full) &&
+               unit_queue_pop(&pool->queue, &pool->current.settings, pool->plans, &unit)) {
+        *piece = (piece_t){.unit = unit};
         pool->begun[pool->begun_count++] = piece->unit;
     } else {
         return false;
@@ -261,6 +265,8 @@ unit_t *render_pool_units(render_pool_t *pool, size_t *count)
 /* Queues the units of an assignment of the job in hand, without what is in hand already. */
 static void queue_units(render_pool_t *pool, const assignment_t *assignment)
 {
+    for (uint32_t pass = 0; pass < LEARNING_PASSES; pass++)
+        if (!hash_is_zero(&assignment->plans[pass])) pool->current.plans[pass] = assignment->plans[pass];
     if (assignment->check != 0) {
         checks_push(&pool->checks, assignment->check, assignment->units, assignment->macs,
                     assignment->unit_count);
@@ -281,6 +287,7 @@ void render_pool_begin_job(render_pool_t *pool, const assignment_t *assignment)
     pool->current = *assignment;
     pool->current.units = NULL;
     pool->stage = STAGE_LOADING;
+    pool->plans = 0;
     pool->over = pool->flush = false;
     pool->measured = false;
     pace_begin(&pool->pace, &assignment->settings, clock_now());
@@ -319,11 +326,12 @@ void render_pool_end_job(render_pool_t *pool, bool flush)
 }
 
 /* True when the assignment is of the job in hand. A number alone says nothing: a master that lost its data
- * gives the old ones to new jobs. */
+ * gives the old ones to new jobs. One that lost some of it may go by another plan. */
 bool render_pool_is_current(const render_pool_t *pool, const assignment_t *assignment)
 {
     return pool->stage != STAGE_EMPTY && pool->current.job == assignment->job &&
-           hash_equal(&pool->current.content, &assignment->content);
+           hash_equal(&pool->current.content, &assignment->content) &&
+           assignment_plans_agree(pool->current.plans, assignment->plans);
 }
 
 static void assign(void *self, const assignment_t *assignment)
@@ -529,6 +537,7 @@ uplink_handler_t render_pool_handler(render_pool_t *pool)
                                          .duty = render_pool_duty,
                                          .unwanted = render_pool_unwanted,
                                          .loaded = render_pool_loaded,
+                                         .planned = render_pool_planned,
                                          .refuse = render_pool_refuse,
                                          .close = render_pool_close,
                                          .sent = render_pool_sent};

@@ -137,6 +137,26 @@ static void find_batch(render_pool_t *pool, double batch_interval, duty_t *duty)
     pthread_mutex_unlock(&pool->fill);
 }
 
+/* The pass of a unit in hand that waits for its plan; LEARNING_PASSES: none does. Lock held. */
+static uint32_t lacking_pass(const render_pool_t *pool)
+{
+    const job_settings_t *settings = &pool->current.settings;
+    const unit_check_t *check = checks_next(&pool->checks);
+    for (size_t i = check != NULL ? check->begun : 0; check != NULL && i < check->count; i++)
+        if (!learning_ready(settings, check->units[i].first, pool->plans))
+            return learning_pass(settings, check->units[i].first);
+    return unit_queue_lacks(&pool->queue, settings, pool->plans);
+}
+
+/* Finds a plan that is to be fetched. Lock held. */
+static void find_plan(const render_pool_t *pool, duty_t *duty)
+{
+    duty->pass = lacking_pass(pool);
+    if (duty->pass == LEARNING_PASSES || pool->over) return;
+    duty->kind = DUTY_PLAN;
+    duty->assignment = pool->current;
+}
+
 duty_t render_pool_duty(void *self, double batch_interval, double rate)
 {
     render_pool_t *pool = self;
@@ -155,7 +175,11 @@ duty_t render_pool_duty(void *self, double batch_interval, double rate)
             duty.wait = 0;
         }
     } else if (pool->stage == STAGE_READY && !(pool->over && !pool->flush)) {
-        find_batch(pool, batch_interval, &duty);
+        /* Threads may wait for a plan. But one that does not come keeps no batch. */
+        if (!pool->fetched) find_plan(pool, &duty);
+        if (duty.kind == DUTY_NONE) find_batch(pool, batch_interval, &duty);
+        if (duty.kind == DUTY_NONE) find_plan(pool, &duty);
+        pool->fetched = duty.kind == DUTY_PLAN;
         if (duty.kind == DUTY_NONE && time_to_measure(pool)) duty.kind = DUTY_MEASURE;
     }
     pthread_mutex_unlock(&pool->lock);
@@ -196,6 +220,23 @@ result_t render_pool_loaded(void *self, uint64_t job, scene_blob_t *blob)
     pthread_cond_broadcast(&pool->work);
     pthread_mutex_unlock(&pool->lock);
     wake_up(pool->options.control_wake);
+    return result_ok();
+}
+
+result_t render_pool_planned(void *self, const assignment_t *assignment, uint32_t pass, const uint8_t *bytes,
+                             size_t size)
+{
+    render_pool_t *pool = self;
+    learning_plan_t plan;
+    TRY(learning_plan_read(bytes, size, &assignment->content, &plan));
+    if (plan.pass != pass)
+        return result_fail(RESULT_MISMATCH, "a plan of pass %u where that of pass %u is due", plan.pass,
+                           pass);
+    renderer_plan(pool->renderer, &plan); /* no thread has a unit of this pass before */
+    pthread_mutex_lock(&pool->lock);
+    pool->plans |= UINT32_C(1) << pass;
+    pthread_cond_broadcast(&pool->work);
+    pthread_mutex_unlock(&pool->lock);
     return result_ok();
 }
 

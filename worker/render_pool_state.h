@@ -40,6 +40,8 @@ struct render_pool {
     bool has_next;
     scene_blob_t blob;    /* under the renderer, which keeps a pointer to it; the bulk thread's */
     renderer_t *renderer; /* NULL until the scene is loaded */
+    bool fetched;         /* the last duty was to fetch a plan */
+    uint32_t plans;       /* passes whose plans are ready in it (learning_ready) */
     unit_queue_t queue;
     issued_t issued; /* how the units of the queue, begun and batched, of the job in hand were issued */
     unit_t *begun;   /* those of the queue that threads have in hand; room for one a thread */
@@ -92,6 +94,8 @@ load_t render_pool_load(const render_pool_t *pool, const unit_t *units, size_t c
 duty_t render_pool_duty(void *self, double batch_interval, double rate);
 bool render_pool_unwanted(void *self, uint64_t job);
 result_t render_pool_loaded(void *self, uint64_t job, scene_blob_t *blob);
+result_t render_pool_planned(void *self, const assignment_t *assignment, uint32_t pass, const uint8_t *bytes,
+                             size_t size);
 void render_pool_refuse(void *self, uint64_t job, result_t why);
 closed_batch_t render_pool_close(void *self, const offer_t *offer);
 void render_pool_sent(void *self, const closed_batch_t *closed, bool counted);

@@ -58,6 +58,7 @@ result_t strategies_settings(const overrides_t *overrides, const scene_blob_t *b
                            STRATEGIES_MAX_SEGMENTS - 1);
     settings->integrator = INTEGRATOR_BDPT;
     settings->features = false;
+    settings->learn = false; /* strategies alone do not: they add up to an image that does not */
     uint64_t planes = 3 * (2 * strategies_list(segments_of(settings), list) + 1);
     uint64_t bytes = planes * sizeof(float) * (uint64_t)settings->width * (uint64_t)settings->height;
     if (bytes > IMAGE_MAX_BYTES)

@@ -116,6 +116,8 @@ static const option_t rows[] = {
         "sums count in units of 2^-N (default: as the brightest light allows, at most 32); take less when a "
         "job fails because its sums were too large",
         OPTION_RANGE(FILM_MIN_SCALE, FILM_MAX_SCALE)),
+    OPTION(overrides_t, no_learn, "no-learn", NULL,
+           "all samples alike: later ones are not placed by what earlier ones show (bdpt)"),
     OPTION(overrides_t, no_layers, "no-layers", NULL,
            "without the layers of what is seen: albedo, normal, position, depth, ..."),
     OPTION(

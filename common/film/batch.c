@@ -74,6 +74,9 @@ void unit_result_reset(unit_result_t *result, const job_settings_t *settings, co
     }
     result->unit = *unit;
     result->splat_count = 0;
+    if (job_learns(settings) && result->lessons == NULL)
+        result->lessons = mem_alloc(LEARNING_PLACES * sizeof *result->lessons);
+    if (result->lessons != NULL) memset(result->lessons, 0, LEARNING_PLACES * sizeof *result->lessons);
     result->counts = (film_counts_t){0};
 }
 
@@ -81,6 +84,7 @@ void unit_result_free(unit_result_t *result)
 {
     for (sum_kind_t k = 0; k < BATCH_SUMS; k++) sum_array_free(&result->sums[k]);
     free(result->splats);
+    free(result->lessons);
     *result = (unit_result_t){0};
 }
 
@@ -184,6 +188,15 @@ static void add_splats(batch_t *batch, const unit_result_t *result)
     }
 }
 
+/* Lessons that go into no plan are not kept. */
+static void add_lessons(batch_t *batch, const unit_result_t *result)
+{
+    uint32_t pass = learning_pass(&batch->settings, result->unit.first);
+    if (pass >= sum_planes(&batch->settings, SUM_LESSONS)) return;
+    int64_t *plane = batch_frame(batch, SUM_LESSONS) + (size_t)pass * LEARNING_PLACES;
+    for (size_t i = 0; i < LEARNING_PLACES; i++) plane[i] += (int64_t)result->lessons[i];
+}
+
 static void append_units(batch_t *batch, const unit_t *units, size_t count)
 {
     if (batch->unit_count + count > batch->unit_capacity) {
@@ -208,6 +221,7 @@ void batch_add(batch_t *batch, const unit_result_t *result)
     append_units(batch, &result->unit, 1);
     for (sum_kind_t k = 0; k < BATCH_SUMS; k++) append_sums(&batch->sums[k], &result->sums[k]);
     add_splats(batch, result);
+    add_lessons(batch, result);
     film_counts_add(&batch->counts, &result->counts);
 }
 
@@ -260,14 +274,38 @@ result_t batch_check_size(const batch_t *batch, uint64_t limit)
                        1e-6 * (double)bytes, 1e-6 * (double)limit);
 }
 
+#define LESSONS_MAX ((uint64_t)1 << 62)
+
+static result_t impossible(sum_kind_t kind)
+{
+    return result_fail(RESULT_PROTOCOL, "%s sums that no sample can have", film_sums[kind].name);
+}
+
+lesson_limits_t batch_lesson_limits(const batch_t *batch)
+{
+    lesson_limits_t limits = {{0}};
+    for (size_t i = 0; i < batch->unit_count; i++) {
+        uint32_t pass = learning_pass(&batch->settings, batch->units[i].first);
+        if (pass >= learning_taught(&batch->settings)) continue;
+        uint64_t samples = unit_samples(&batch->settings, &batch->units[i]),
+                 most = LESSONS_MAX >> LEARNING_BITS;
+        uint64_t limit = limits.limit[pass] + ((samples < most ? samples : most) << LEARNING_BITS);
+        limits.limit[pass] = limit < LESSONS_MAX ? limit : LESSONS_MAX; /* whatever the units claim */
+    }
+    return limits;
+}
+
 result_t batch_check_sums(const batch_t *batch)
 {
+    const sum_array_t *lessons = &batch->sums[SUM_LESSONS];
+    lesson_limits_t limits = batch_lesson_limits(batch);
+    for (size_t i = 0; i < lessons->count; i++)
+        if (!lesson_possible(&limits, i, lessons->values[i])) return impossible(SUM_LESSONS);
     for (sum_kind_t k = 0; k < BATCH_SUMS; k++) {
         const int64_t *values = batch->sums[k].values;
         for (size_t i = 0; i < batch->unit_count && batch->sums[k].count > 0; i++) {
             size_t count = sum_unit_values(&batch->settings, k, &batch->units[i]);
-            if (count > 0 && !sum_possible(k, &batch->units[i], values, count))
-                return result_fail(RESULT_PROTOCOL, "%s sums that no sample can have", film_sums[k].name);
+            if (count > 0 && !sum_possible(k, &batch->units[i], values, count)) return impossible(k);
             values += count;
         }
     }

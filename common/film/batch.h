@@ -5,6 +5,7 @@
 #define LIGHTMILL_BATCH_H
 
 #include "common/film/film_sums.h"
+#include "common/film/learning.h"
 
 /* What the eye ray of one sample met first. */
 typedef struct {
@@ -54,6 +55,7 @@ typedef struct {
     sum_array_t sums[BATCH_SUMS]; /* the unit's tile of each; none of what it does not have */
     splat_t *splats;              /* in the order they were made */
     size_t splat_count, splat_capacity;
+    uint64_t *lessons; /* [LEARNING_PLACES] (learning.h); NULL in a job that does not learn */
     film_counts_t counts;
 } unit_result_t;
 
@@ -82,7 +84,7 @@ void batch_init(batch_t *batch, const job_settings_t *settings);
 /* Empties the batch and keeps its memory. */
 void batch_clear(batch_t *batch);
 void batch_free(batch_t *batch);
-/* Adds a finished unit. */
+/* Adds a finished unit, which in a job that learns lies within one pass. */
 void batch_add(batch_t *batch, const unit_result_t *result);
 /* Adds a batch of the same job to a sum of batches: tiles one after the other, frames added. An addition that
  * would overflow is left out and counted, as in a film. */
@@ -92,7 +94,18 @@ int64_t *batch_frame(batch_t *batch, sum_kind_t kind);
 /* RESULT_PROTOCOL when a batch claims counts that its units, which are valid, cannot have: light paths, which
  * splats are divided by, are one a sample, or none in a job without splats. */
 result_t batch_check_counts(const batch_t *batch);
-/* RESULT_PROTOCOL when it has sums that no renderer makes of its units (sum_possible). */
+/* What lessons a batch can have, by pass: 0, or more but less than its limit. So who knows that units count
+ * once knows that lessons do not overflow. */
+typedef struct {
+    uint64_t limit[LEARNING_PASSES];
+} lesson_limits_t;
+lesson_limits_t batch_lesson_limits(const batch_t *batch);
+/* Whether a batch can have such a value at an index of SUM_LESSONS. */
+static inline bool lesson_possible(const lesson_limits_t *limits, size_t index, int64_t value)
+{
+    return value == 0 || (value > 0 && (uint64_t)value < limits->limit[index / LEARNING_PLACES]);
+}
+/* RESULT_PROTOCOL when it has sums that no renderer makes of its units (sum_possible, lesson_possible). */
 result_t batch_check_sums(const batch_t *batch);
 /* RESULT_LIMIT when its tiles, unfolded, would be more than so many bytes. */
 result_t batch_check_size(const batch_t *batch, uint64_t limit);

@@ -17,6 +17,8 @@ typedef struct {
     uint32_t *samples; /* [2 halves][height][width] eye samples, each as often as it weighs: in an adaptive
                           job JOB_MEAN_BOOST times the mean number of samples */
     film_counts_t counts;
+    uint32_t settled; /* passes, from 0 on, whose lessons are what plans were made of: nothing is added to
+                         them or taken out of them any more */
 } film_t;
 
 /* Allocates the zeroed sums; settings must have passed job_settings_check. RESULT_LIMIT when memory lacks. */

@@ -1,6 +1,8 @@
 /* film_sums: see film_sums.h. */
 #include "common/film/film_sums.h"
 
+#include "common/film/learning.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -22,6 +24,11 @@ static size_t group_planes(const job_settings_t *settings)
 static size_t group_splat_planes(const job_settings_t *settings)
 {
     return job_has_splats(settings) ? group_planes(settings) : 0;
+}
+
+static size_t lesson_planes(const job_settings_t *settings)
+{
+    return job_learns(settings) ? learning_taught(settings) : 0;
 }
 
 const sum_layout_t film_sums[FILM_SUMS] = {
@@ -69,10 +76,18 @@ const sum_layout_t film_sums[FILM_SUMS] = {
                          .groups = {3},
                          .frame = true,
                          .planes = group_splat_planes},
+    [SUM_LESSONS] = {.name = "lesson",
+                     .bytes = sizeof(int64_t),
+                     .values = 1,
+                     .group_count = 1,
+                     .groups = {1},
+                     .places = LEARNING_PLACES,
+                     .frame = true,
+                     .planes = lesson_planes},
     [SUM_SAMPLES] = {.name = "sample", .bytes = sizeof(uint32_t), .values = 1}};
 
-const sum_kind_t film_page_order[FILM_SUMS] = {SUM_EYE,    SUM_SPLAT,     SUM_SAMPLES,    SUM_FEATURES,
-                                               SUM_MATTES, SUM_GROUP_EYE, SUM_GROUP_SPLAT};
+const sum_kind_t film_page_order[FILM_SUMS] = {SUM_EYE,    SUM_SPLAT,     SUM_SAMPLES,     SUM_FEATURES,
+                                               SUM_MATTES, SUM_GROUP_EYE, SUM_GROUP_SPLAT, SUM_LESSONS};
 
 /* ---- how many values there are ------------------------------------------------------------------------- */
 
@@ -83,8 +98,9 @@ size_t sum_planes(const job_settings_t *settings, sum_kind_t kind)
 
 size_t sum_image_values(const job_settings_t *settings, sum_kind_t kind)
 {
-    return sum_planes(settings, kind) * film_sums[kind].values * (size_t)settings->width *
-           (size_t)settings->height;
+    const sum_layout_t *layout = &film_sums[kind];
+    size_t pixels = (size_t)settings->width * (size_t)settings->height;
+    return sum_planes(settings, kind) * layout->values * (layout->places > 0 ? layout->places : pixels);
 }
 
 size_t sum_unit_values(const job_settings_t *settings, sum_kind_t kind, const unit_t *unit)

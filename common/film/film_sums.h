@@ -17,6 +17,8 @@
  *
  * Mattes are what the same samples met, one by one: a slot for each sample holds a code of the shape, so that
  * adding, which only ever adds to an empty slot, merges them exactly. Who resolves the film counts them.
+ *
+ * Lessons are what renderers note for those who render later samples (learning.h). They belong to no pixel.
  */
 #ifndef LIGHTMILL_FILM_SUMS_H
 #define LIGHTMILL_FILM_SUMS_H
@@ -33,6 +35,7 @@ typedef enum {
     SUM_MATTES,               /* which shape each eye ray meets first: MATTE_SAMPLES and so on */
     SUM_GROUP_EYE,            /* what of SUM_EYE comes from each group of lights (common/light_groups.h), */
     SUM_GROUP_SPLAT,          /* and what of SUM_SPLAT */
+    SUM_LESSONS,              /* what a job learns: LEARNING_PLACES values for each pass that teaches */
     BATCH_SUMS,               /* those above travel in a batch, a payload each in this order */
     SUM_SAMPLES = BATCH_SUMS, /* a film has these beside: eye samples, each as often as it weighs */
     FILM_SUMS
@@ -40,7 +43,7 @@ typedef enum {
 
 enum {
     SUM_MAX_GROUPS = 6,
-    SUM_GROUP_VALUES = 3, /* values of a group, at most; a sum of whole frames has one group of so many */
+    SUM_GROUP_VALUES = 3, /* values of a group, at most; the frame of an image has one group of so many */
     FEATURE_SAMPLES = 32, /* samples of a pixel, from index 0, that contribute */
     FEATURE_SCALE = 32    /* measured values count in units of 2^-32 */
 };
@@ -72,7 +75,8 @@ enum {
 };
 
 /* How one of them is laid out: [planes][height][width][values], of the image or of a tile. Planes are the two
- * halves of the samples, even and odd indices apart; or one for all samples; or one for each light group. */
+ * halves of the samples, even and odd indices apart; or one for all samples; or one for each light group, or
+ * each pass that teaches. */
 typedef struct {
     const char *name; /* in messages */
     size_t bytes;     /* of a value */
@@ -80,8 +84,9 @@ typedef struct {
     /* Values of a pixel that are of one kind; they are coded together. */
     size_t group_count;
     uint8_t groups[SUM_MAX_GROUPS];
+    size_t places;    /* pixels in a plane of what is not shaped like an image; 0: those of the image */
     bool differences; /* neighbours are much alike: coded as differences from the pixel before */
-    bool frame;       /* a batch has one frame of the whole image, to which all units add, or none when it is
+    bool frame;       /* a batch has one frame of the whole, to which all units add, or none when it is
                          zero; otherwise a tile of each unit, one after the other */
     bool weighted;    /* a unit's tile counts as often as its samples weigh */
     /* How many planes a job has, 0 when it does not make them; NULL: two halves, in every job. */
@@ -96,7 +101,7 @@ extern const sum_kind_t film_page_order[FILM_SUMS];
 
 /* Planes in a job; 0 when it has none of this sum. */
 size_t sum_planes(const job_settings_t *settings, sum_kind_t kind);
-/* Values of the whole image; 0 when the job has none. */
+/* Values of the whole image, or of what else a sum is of; 0 when the job has none. */
 size_t sum_image_values(const job_settings_t *settings, sum_kind_t kind);
 /* Values of a unit's tile; 0 for frames, and when the job or the unit's samples have none. */
 size_t sum_unit_values(const job_settings_t *settings, sum_kind_t kind, const unit_t *unit);

@@ -110,6 +110,7 @@ static void add_settings(image_t *image, const job_settings_t *settings)
     if (settings->cryptomatte) image_set_int(image, "lightmill.cryptomatte", 1);
     if (settings->error > 0) image_set_float(image, "lightmill.errorTarget", (float)settings->error);
     if (settings->adaptive) image_set_int(image, "lightmill.adaptive", 1);
+    if (job_learns(settings)) image_set_int(image, "lightmill.learn", 1);
     if (settings->light_groups[0] != '\0')
         image_set_string(image, "lightmill.lightGroups", settings->light_groups);
     if (settings->strategy_t == 0) return;

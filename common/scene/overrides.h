@@ -20,6 +20,7 @@ typedef struct {
     int32_t film_scale; /* -1: as the scene needs it */
     bool no_layers;
     bool cryptomatte;
+    bool no_learn;
     const char *light_groups; /* as light_groups_resolve takes them; NULL: none */
 } overrides_t;
 

@@ -282,6 +282,10 @@ uint64_t farm_image_version(farm_t *farm, job_t *job, bool *over);
  * gets its last state and its film is freed. Or the image could not be written: it is given out again after a
  * while. */
 void farm_finished(farm_t *farm, double now, job_t *job, result_t written, const char *path);
+/* The size of the plan of some job that has this hash, in bytes; RESULT_INPUT when none has. */
+result_t farm_plan_size(farm_t *farm, const hash_t *hash, uint64_t *size);
+/* Copies `length` bytes of it from `offset` on, which lie within it. */
+result_t farm_plan_read(farm_t *farm, const hash_t *hash, uint64_t offset, void *bytes, size_t length);
 /* The process ends: nothing more is handed out or taken. Jobs that are not over stay so; farm_next_checkpoint
  * gives out those that have sums to save. */
 void farm_shut_down(farm_t *farm);

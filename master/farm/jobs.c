@@ -114,6 +114,7 @@ void farm_job_install(farm_t *farm, double now, job_t *job, film_t *film, schedu
     job->save = SAVE_DONE;
     job->write = WRITE_IDLE;
     job->declines = job->decline_count = 0;
+    memset(job->plans, 0, sizeof job->plans);
     farm_milestone_installed(job);
     farm_job_joins(farm, job);
     job->rate_time[0] = job->rate_time[1] = now;
@@ -262,12 +263,14 @@ static void decide_round(farm_t *farm, double now, job_t *job)
 void farm_job_progress(farm_t *farm, double now, job_t *job)
 {
     job->pins++;
+    farm_job_open_passes(farm, job);
     while (job->film == FILM_OPEN && job->merging == 0 && !job->planning &&
            schedule_round_counted(job->schedule) && !trust_pending(job) && !farm_milestone_waits(farm, job)) {
         if (job_is_planned(&job->kept.settings))
             decide_round(farm, now, job);
         else
             farm_job_close(farm, now, job, JOB_DONE);
+        farm_job_open_passes(farm, job);
     }
     farm_job_settle(farm, job);
     farm_job_unpin(farm, job);
@@ -382,7 +385,8 @@ static void put_away(farm_t *farm, job_t *job)
 
 void farm_job_settle(farm_t *farm, job_t *job)
 {
-    if (job->film == FILM_OPEN || job->merging > 0 || job_is_saving(job) || job->planning) return;
+    if (job->film == FILM_OPEN || job->merging > 0 || job_is_saving(job)) return;
+    if (job->planning || job->teaching) return;
     if (job->milestone != IMAGE_NONE) return;
     bool ends = job->image == IMAGE_WRITTEN || job->image == IMAGE_GIVEN_UP;
     if (job->kept.state == JOB_FINISHING && ends) {

@@ -216,6 +216,8 @@ result_t farm_loaded(farm_t *farm, double now, job_t *job, film_t *film, schedul
 {
     schedule_t *schedule = NULL;
     result_t result = result_ok();
+    hash_t plans[LEARNING_PASSES] = {{{0}}};
+    if (film != NULL) plans_of_film(film, &job->kept.blob, plans);
     trust_loaded(farm, job, film != NULL ? state : NULL);
     farm_lock(farm);
     stop_waiting(farm, job);
@@ -224,6 +226,7 @@ result_t farm_loaded(farm_t *farm, double now, job_t *job, film_t *film, schedul
     if (schedule == NULL) film_destroy(&film);
     if (schedule != NULL) {
         farm_job_install(farm, now, job, film, schedule);
+        memcpy(job->plans, plans, sizeof plans);
         go_on(farm, now, job);
     } else {
         begin_anew(farm, now, job);

@@ -1,6 +1,6 @@
-/* parts: what the files of this folder have for one another. Each calls those before it alone: shares, jobs
- * with errors and milestones, declines, workers, take, report, news, batches; then keep, orders and farm. All
- * is called under the farm's lock. */
+/* parts: what the files of this folder have for one another. Each calls those before it alone: shares,
+ * plans, jobs with errors and milestones, declines, workers, take, report, news, batches; then keep, orders
+ * and farm. All is called under the farm's lock. */
 #ifndef LIGHTMILL_FARM_PARTS_H
 #define LIGHTMILL_FARM_PARTS_H
 
@@ -59,6 +59,15 @@ void farm_job_settle(farm_t *farm, job_t *job);
 /* Something was counted, skipped or checked, and nothing is being merged: the next round is planned, or the
  * job is closed. Called with the farm's lock, which it lets go meanwhile, inside no shared film. */
 void farm_job_progress(farm_t *farm, double now, job_t *job);
+
+/* ---- plans.c ---- */
+
+/* Opens the passes of a job that can be opened. Called like farm_job_progress. */
+void farm_job_open_passes(farm_t *farm, job_t *job);
+/* The hashes of the plans that were made from a film, which nobody else has yet. */
+void plans_of_film(const film_t *film, const hash_t *blob, hash_t plans[LEARNING_PASSES]);
+/* Names the plans that the units of a job go by. */
+void farm_name_plans(const job_t *job, work_t *work);
 
 /* ---- errors.c ---- */
 

@@ -385,7 +385,10 @@ result_t farm_take(farm_t *farm, double now, const identity_t *identity, uint64_
     worker->job = work->unit_count > 0 ? work->job : loaded_job;
     const job_t *job = farm_find_job(farm, work->job);
     unit_mac_t mac = {{0}};
-    if (job != NULL) mac = farm_unit_mac(farm, worker, job, work->check);
+    if (job != NULL) {
+        mac = farm_unit_mac(farm, worker, job, work->check);
+        farm_name_plans(job, work);
+    }
     farm_unlock(farm);
     unit_mac_issue(&mac, work->units, work->unit_count, work->issues);
     return result_ok();

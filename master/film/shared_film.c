@@ -132,6 +132,16 @@ void shared_film_unlock(shared_film_t *shared_film)
     pthread_rwlock_unlock(&shared_film->lock);
 }
 
+void shared_film_settle(shared_film_t *shared_film, uint32_t passes)
+{
+    shared_film->film->settled = passes;
+}
+
+const int64_t *shared_film_lessons(const shared_film_t *shared_film)
+{
+    return shared_film->film->sums[SUM_LESSONS];
+}
+
 /* ---- snapshots ----------------------------------------------------------------------------------------- */
 
 shared_film_snapshot_t *shared_film_snapshot(shared_film_t *shared_film)

@@ -63,6 +63,10 @@ film_counts_t shared_film_counts(shared_film_t *shared_film);
 
 const film_t *shared_film_lock(shared_film_t *shared_film);
 void shared_film_unlock(shared_film_t *shared_film);
+/* Settles the lessons of so many passes (film_t.settled). The shared film is locked by the caller. */
+void shared_film_settle(shared_film_t *shared_film, uint32_t passes);
+/* The lessons of the film, NULL when it has none. Those that are settled may be read at any time. */
+const int64_t *shared_film_lessons(const shared_film_t *shared_film);
 
 /* ---- checkpoints ---- */
 

@@ -26,6 +26,7 @@ typedef struct {
     const uint32_t *weights;
     sum_limits_t *limits;  /* NULL: none */
     uint64_t mean_samples; /* of the batch, a pixel of the image, rounded up; with limits */
+    lesson_limits_t lesson_limits;
     payload_reader_t *reader;
     sum_kind_t kind; /* of the payload at hand */
     size_t *starts;  /* of each unit in it, in pixels, and the end */
@@ -157,6 +158,11 @@ static const int64_t *weigh(walk_t *walk, const int64_t *values, size_t count)
     return walk->weighed;
 }
 
+static result_t impossible(const walk_t *walk)
+{
+    return result_fail(RESULT_PROTOCOL, "%s sums that no sample can have", film_sums[walk->kind].name);
+}
+
 static result_t walk_tile_piece(walk_t *walk, const payload_piece_t *piece)
 {
     const sum_layout_t *layout = &film_sums[walk->kind];
@@ -165,7 +171,7 @@ static result_t walk_tile_piece(walk_t *walk, const payload_piece_t *piece)
         run_t run = find_run(walk, piece->first + i, piece->pixels - i);
         size_t count = piece->lanes * run.count;
         if (!sum_possible(walk->kind, &walk->batch->units[walk->unit], values, count))
-            return result_fail(RESULT_PROTOCOL, "%s sums that no sample can have", layout->name);
+            return impossible(walk);
         if (!within_limits(walk, walk->batch->units[walk->unit].count, piece->bits, values, count))
             return stopped();
         if (!adder_add_strided(&walk->adder, walk->kind, layout->values * run.pixel + piece->offset,
@@ -214,16 +220,35 @@ static result_t walk_frame_piece(walk_t *walk, const payload_piece_t *piece)
     return result_ok();
 }
 
+/* A piece lies within one pass. */
+_Static_assert(LEARNING_PLACES % PAYLOAD_PIECE == 0, "pieces of lessons cross passes");
+static result_t walk_lessons_piece(walk_t *walk, const payload_piece_t *piece)
+{
+    if (marked_pixels(piece) == 0) return result_ok();
+    if (!payload_lessons_possible(piece, &walk->lesson_limits)) return impossible(walk);
+    bool settled = piece->first / LEARNING_PLACES < walk->adder.shared_film->film->settled;
+    if (settled) return result_ok();
+    const int64_t *values = unfold_piece(walk, piece);
+    if (!adder_add_strided(&walk->adder, walk->kind, piece->first, 1, 1, values, piece->pixels))
+        return stopped();
+    return result_ok();
+}
+
 /* ---- the whole ----------------------------------------------------------------------------------------- */
+
+static result_t walk_piece(walk_t *walk, const payload_piece_t *piece)
+{
+    if (walk->kind == SUM_LESSONS) return walk_lessons_piece(walk, piece);
+    return film_sums[walk->kind].frame ? walk_frame_piece(walk, piece) : walk_tile_piece(walk, piece);
+}
 
 static result_t walk_payload(walk_t *walk, const zmq_msg_t *payload, sum_kind_t kind)
 {
-    bool frame = film_sums[kind].frame;
     walk->kind = kind;
-    if (!frame) index_units(walk);
+    if (!film_sums[kind].frame) index_units(walk);
     result_t result = payload_open(walk->reader, payload, kind, batch_expected_values(walk->batch, kind));
     for (payload_piece_t piece; result.code == RESULT_OK && payload_read(walk->reader, &piece);) {
-        result = frame ? walk_frame_piece(walk, &piece) : walk_tile_piece(walk, &piece);
+        result = walk_piece(walk, &piece);
         adder_rest(&walk->adder);
     }
     return result.code == RESULT_OK ? payload_end(walk->reader) : result;
@@ -285,6 +310,7 @@ static result_t merge_batch(shared_film_t *shared_film, const zmq_msg_t payload[
                      .weights = weights,
                      .limits = limits,
                      .mean_samples = mean_samples(batch),
+                     .lesson_limits = batch_lesson_limits(batch),
                      .reader = payload_reader_new(),
                      .starts = mem_alloc((batch->unit_count + 1) * sizeof *walk->starts)};
     result_t result = walk->reader == NULL ? result_fail(RESULT_LIMIT, "no memory for a decoder")

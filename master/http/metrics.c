@@ -3,9 +3,9 @@
  * DESIGN. Jobs that are not over have a label render="NUMBER"; "job" is a label of Prometheus' own. Those
  * that are over only count in lightmill_renders, so that the number of series stays small. */
 #include "common/text/text.h"
-#include "master/farm/totals.h"
 #include "master/http/routes.h"
 #include "master/http/server_state.h"
+#include "master/http/totals.h"
 
 #include <inttypes.h>
 #include <stdio.h>

@@ -2,7 +2,7 @@
 #include "master/http/pace.h"
 
 #include "common/thread.h"
-#include "master/farm/totals.h"
+#include "master/http/totals.h"
 
 #include <math.h>
 #include <pthread.h>

@@ -1,8 +1,8 @@
 /* reports: what the API tells of jobs, workers and the farm. Names are those of `lightmill status --json`. */
 #include "master/farm/status_message.h"
-#include "master/farm/totals.h"
 #include "master/http/routes.h"
 #include "master/http/server_state.h"
+#include "master/http/totals.h"
 #include "proto/wire/status_json.h"
 
 #include <inttypes.h>

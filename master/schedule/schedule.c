@@ -14,7 +14,8 @@
  * The size of a unit follows the worker's wish, with three exceptions. While a tile is young, a unit at most
  * doubles its samples, starting from FIRST_PASS when the job is to reach a number of samples and from one
  * when only the clock ends it: the whole image is covered early, and a render of a minute has no black tiles.
- * (A unit costs an eye tile on the wire, so fewer is better.) A unit ends where its round does. And when the
+ * (A unit costs an eye tile on the wire, so fewer is better.) A unit ends where its round or its pass does.
+ * And when the
  * free samples run out, a worker gets no more than half of its share of them by threads, in units that leave
  * a few for each of its threads: all workers finish together, which matters at the end of every round.
  *
@@ -27,8 +28,9 @@
 #include <string.h>
 
 enum {
-    FIRST_PASS = 4,    /* samples a pixel of the first unit of a tile, where spp ends the job */
-    UNITS_A_THREAD = 2 /* in a grant, so that a worker's threads are all busy */
+    FIRST_PASS = 4,     /* samples a pixel of the first unit of a tile, where spp ends the job */
+    UNITS_A_THREAD = 2, /* in a grant, so that a worker's threads are all busy */
+    PASS_SHARE = 4      /* of what a worker wishes for, this part is its share of a pass at least */
 };
 
 /* ---- the heap of tiles --------------------------------------------------------------------------------- */
@@ -68,7 +70,8 @@ void schedule_tile_refresh(schedule_t *s, uint32_t index)
     uint32_t lowest = 0;
     for (uint32_t i = 0; i < tile->count && tile->spans[i].first == lowest; i++) lowest = tile->spans[i].end;
     tile->lowest_free = lowest;
-    tile->key = lowest < schedule_tile_end(s, index) ? schedule_weight_below(s, index, lowest) : NONE_FREE;
+    bool any = lowest < schedule_tile_end(s, index) && lowest < schedule_open_end(s);
+    tile->key = any ? schedule_weight_below(s, index, lowest) : NONE_FREE;
     heap_update(s, index);
 }
 
@@ -198,6 +201,7 @@ void schedule_count_range(schedule_t *s, const unit_t *unit)
     while (at < tile->count && tile->spans[at].first < span.end)
         at = span_cut(s, unit->tile, at, span.first, span.end);
     s->counted += samples;
+    schedule_pass_add(s, s->settled, unit->tile, span.first, span.end, 1);
     s->issued += samples - (out - s->out); /* what nobody held any more counts as issued once more */
     at = span_after(tile, span.first);
     if (at < tile->count && tile->spans[at].first == span.end && tile->spans[at].holder == SPAN_COUNTED) {
@@ -218,6 +222,7 @@ schedule_t *schedule_new_empty(const job_settings_t *settings)
     schedule_t *s = mem_zalloc(1, sizeof *s);
     s->settings = *settings;
     s->tile_count = job_tile_count(settings);
+    schedule_passes_init(s, 0);
     s->tiles = mem_zalloc(s->tile_count, sizeof *s->tiles);
     s->heap = mem_alloc(s->tile_count * sizeof *s->heap);
     for (uint32_t i = 0; i < s->tile_count; i++) {
@@ -262,11 +267,20 @@ static uint64_t most(uint64_t a, uint64_t b)
     return a > b ? a : b;
 }
 
-/* Half of what is the worker's of the free pixel samples, if they were shared out by threads. */
+/* True when there are samples that a pass which is to open will free. */
+static bool goes_on(const schedule_t *s)
+{
+    return s->open - s->counted - s->skipped - s->out > schedule_free(s);
+}
+
+/* Half of what is the worker's of the free pixel samples, if they were shared out by threads. Where only a
+ * pass ends, at least a part of what it wishes for: else all workers of a large farm would have a batch to
+ * send before the next pass can open, each with next to nothing in it. */
 static uint64_t fair_share(const schedule_t *s, const schedule_wish_t *wish)
 {
     uint64_t threads = most(wish->threads, 1), all = most(wish->farm_threads, threads);
-    return most(schedule_free(s) / (2 * all), 1) * threads;
+    uint64_t share = most(schedule_free(s) / (2 * all), 1) * threads;
+    return goes_on(s) ? most(share, wish->samples / PASS_SHARE) : share;
 }
 
 /* Issues one unit of about `samples` pixel samples from the tile at the top of the heap. */
@@ -276,6 +290,7 @@ static unit_t take_unit(schedule_t *s, holder_t *holder, uint64_t samples)
     const tile_t *tile = &s->tiles[index];
     uint32_t first = tile->lowest_free, at = span_after(tile, first);
     uint64_t end = schedule_round_end(s, schedule_round_of(s, index, first), index);
+    end = least(end, schedule_pass_end(s, schedule_pass_of(s, first)));
     if (at < tile->count) end = least(end, tile->spans[at].first);
     uint64_t young = most(first, s->settings.time_limit > 0 ? 1 : FIRST_PASS);
     uint64_t count = most(samples / job_tile_pixels(&s->settings, index), 1);
@@ -303,7 +318,7 @@ size_t schedule_take(schedule_t *s, const schedule_wish_t *wish, unit_t *units, 
 bool schedule_issue(schedule_t *s, uint64_t worker, const unit_t *unit)
 {
     const tile_t *tile = &s->tiles[unit->tile];
-    if (!schedule_in_one_round(s, unit)) return false;
+    if (!schedule_in_one_round(s, unit) || !schedule_in_open_pass(s, unit)) return false;
     uint32_t at = span_after(tile, unit->first);
     if (at < tile->count && tile->spans[at].first < unit->first + unit->count) return false;
     holder_t *holder = holder_make(s, worker);
@@ -316,7 +331,7 @@ bool schedule_issue(schedule_t *s, uint64_t worker, const unit_t *unit)
 /* Whether a unit may be counted at all. */
 static result_t check_unit(const schedule_t *s, const unit_t *unit)
 {
-    if (!schedule_in_one_round(s, unit))
+    if (!schedule_in_one_round(s, unit) || !schedule_in_open_pass(s, unit))
         return result_fail(RESULT_MISMATCH, "tile %u, samples %u + %u are not wanted (yet)", unit->tile,
                            unit->first, unit->count);
     if (unit_settled(&s->tiles[unit->tile], unit))
@@ -383,8 +398,9 @@ void schedule_uncount(schedule_t *s, const unit_t *units, size_t count)
                 at++;
                 continue;
             }
-            uint64_t samples = span_samples(s, units[i].tile, span.first > first ? span.first : first,
-                                            span.end < end ? span.end : end);
+            uint32_t low = span.first > first ? span.first : first, high = span.end < end ? span.end : end;
+            uint64_t samples = span_samples(s, units[i].tile, low, high);
+            schedule_pass_add(s, s->settled, units[i].tile, low, high, -1);
             s->counted -= samples;
             s->returned += samples;
             at = span_cut(s, units[i].tile, at, first, end);
@@ -403,6 +419,7 @@ void schedule_skip(schedule_t *s, const unit_t *unit)
         if (from < to) {
             span_insert(s, tile, at++, (span_t){from, to, SPAN_SKIPPED});
             s->skipped += span_samples(s, unit->tile, from, to);
+            schedule_pass_add(s, s->settled, unit->tile, from, to, 1);
         }
         from = at < tile->count && to < end ? tile->spans[at].end : end;
     }
@@ -418,7 +435,9 @@ bool schedule_available(const schedule_t *s)
 
 uint64_t schedule_free(const schedule_t *s)
 {
-    return s->open - s->counted - s->skipped - s->out;
+    uint64_t open = 0;
+    for (uint32_t pass = 0; pass < s->open_passes; pass++) open += s->allowed[pass];
+    return open - s->counted - s->skipped - s->out;
 }
 
 size_t schedule_held(const schedule_t *s, uint64_t worker)

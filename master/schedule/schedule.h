@@ -4,7 +4,7 @@
  * number that the farm gave them. The invariants:
  *
  *   - every sample of every tile that a round allows is exactly one of free, issued (to one worker), counted
- *     or skipped;
+ *     or skipped; what is free of a pass that is not open is not handed out;
  *   - a counted sample is in the film, once, until schedule_uncount says that it was taken out.
  *
  * Units are handed out so that the image converges evenly: always from a tile whose lowest free sample is
@@ -34,11 +34,12 @@ typedef struct {
 
 /* Issues units to a worker, at most `capacity`; returns how many. A unit has unit_samples pixel samples, at
  * least one a pixel, less while the image is young and near a round's end (see the note in schedule.c), and
- * lies within one round. */
+ * lies within one round and one pass. */
 size_t schedule_take(schedule_t *schedule, const schedule_wish_t *wish, unit_t *units, size_t capacity);
 
 /* Counts the units, all or none. RESULT_MISMATCH names a unit that was counted or skipped before, is in the
- * list twice, or does not lie within one open round; then nothing has changed. The units are valid for the
+ * list twice, or does not lie within one open round and pass; then nothing has changed. The units are valid
+ * for the
  * job; who holds them does not matter, and holders of what is counted now lose it. */
 result_t schedule_accept(schedule_t *schedule, const unit_t *units, size_t count);
 
@@ -47,9 +48,9 @@ size_t schedule_release_units(schedule_t *schedule, uint64_t worker, const unit_
 /* Frees all that the worker holds; returns the number of pieces. */
 size_t schedule_release(schedule_t *schedule, uint64_t worker);
 
-/* True while there are free samples. */
+/* True while there are free samples in open passes. */
 bool schedule_available(const schedule_t *schedule);
-/* Pixel samples that are free. */
+/* Pixel samples that are free in open passes. */
 uint64_t schedule_free(const schedule_t *schedule);
 /* Units that a worker holds. */
 size_t schedule_held(const schedule_t *schedule, uint64_t worker);
@@ -86,10 +87,23 @@ uint32_t schedule_even_end(const schedule_t *schedule);
 /* How often a sample of the unit counts; units lie within one round. */
 uint32_t schedule_weight(const schedule_t *schedule, const unit_t *unit);
 
+/* ---- passes (common/film/learning.h) ---- */
+
+/* Passes, from 0 on, that are open: at first those that need no plan. Passes open one after the other and are
+ * never closed, even if samples that their plans were made of are taken out of the film. */
+uint32_t schedule_open_passes(const schedule_t *schedule);
+/* The pass that comes next, when there are samples of it to render and all that rounds allow of the passes
+ * that make its plan is counted or skipped; else 0. */
+uint32_t schedule_next_pass(const schedule_t *schedule);
+/* The lessons of the passes that make the plan of the next pass are settled, */
+void schedule_teach(schedule_t *schedule);
+/* and there is the plan. */
+void schedule_open_pass(schedule_t *schedule);
+
 /* ---- particular units ---- */
 
 /* Issues exactly this unit; false, and nothing has changed, unless all of it is free and lies in one open
- * round. The worker may be 0: the farm itself keeps it from others. */
+ * round and pass. The worker may be 0: the farm itself keeps it from others. */
 bool schedule_issue(schedule_t *schedule, uint64_t worker, const unit_t *unit);
 /* The units that a worker holds, in fresh memory (the caller frees it); *count is 0 and the result NULL when
  * none. */
@@ -121,6 +135,7 @@ typedef struct {
     unit_t *counted, *skipped; /* sample ranges, sorted by tile and sample */
     size_t counted_count, skipped_count;
     uint64_t issued, returned; /* pixel samples */
+    uint32_t settled;          /* passes whose lessons are settled (film_t.settled) */
 } schedule_state_t;
 /* Copies the state into fresh memory. */
 void schedule_save(const schedule_t *schedule, schedule_state_t *state);

@@ -58,6 +58,8 @@ static void move_end(schedule_t *s, uint32_t tile, uint32_t end)
     uint32_t *last = &s->ends[(size_t)(s->round_count - 1) * s->tile_count + tile];
     s->open -= (uint64_t)*last * job_tile_pixels(&s->settings, tile);
     s->open += (uint64_t)end * job_tile_pixels(&s->settings, tile);
+    schedule_pass_add(s, s->allowed, tile, *last, end, 1);
+    schedule_pass_add(s, s->allowed, tile, end, *last, -1);
     *last = end;
     schedule_tile_refresh(s, tile);
 }

@@ -33,7 +33,8 @@ void schedule_save(const schedule_t *s, schedule_state_t *state)
                                 .ends = copy_values(s->ends, values),
                                 .weights = copy_values(s->weights, values),
                                 .issued = s->issued,
-                                .returned = s->returned};
+                                .returned = s->returned,
+                                .settled = s->settled_passes};
     state->counted = save_spans(s, SPAN_COUNTED, &state->counted_count);
     state->skipped = save_spans(s, SPAN_SKIPPED, &state->skipped_count);
 }
@@ -135,6 +136,14 @@ static result_t check_account(const job_settings_t *settings, const schedule_sta
                        (unsigned long long)state->returned);
 }
 
+static result_t check_settled(const job_settings_t *settings, const schedule_state_t *state)
+{
+    uint32_t most = job_learns(settings) ? learning_taught(settings) : 0;
+    if (state->settled <= most) return result_ok();
+    return result_fail(RESULT_INPUT, "the lessons of %u passes are settled, at most %u are noted",
+                       state->settled, most);
+}
+
 result_t schedule_restore(job_settings_t *settings, const schedule_state_t *state, schedule_t **schedule)
 {
     TRY(check_rounds(settings, state));
@@ -142,7 +151,9 @@ result_t schedule_restore(job_settings_t *settings, const schedule_state_t *stat
     TRY(check_ranges(state, state->skipped, state->skipped_count, "skipped"));
     TRY(check_apart(state));
     TRY(check_account(settings, state));
+    TRY(check_settled(settings, state));
     schedule_t *s = schedule_new_empty(settings);
+    schedule_passes_init(s, state->settled);
     for (uint32_t r = 0; r < state->round_count; r++) {
         size_t first = (size_t)r * state->tile_count;
         schedule_open_round(s, state->ends + first, state->weights + first);

@@ -3,6 +3,7 @@
 #ifndef LIGHTMILL_SCHEDULE_STATE_H
 #define LIGHTMILL_SCHEDULE_STATE_H
 
+#include "common/film/learning.h"
 #include "common/id_table.h"
 #include "master/schedule/schedule.h"
 
@@ -44,6 +45,10 @@ struct schedule {
     id_table_t by_worker;        /* indices of holders */
     size_t span_count;           /* of all tiles: it stays near the number of tiles plus that of units out */
     uint64_t open;               /* pixel samples of all rounds */
+    uint32_t open_passes, settled_passes;
+    uint64_t allowed[LEARNING_PASSES],
+        settled[LEARNING_PASSES];   /* pixel samples of a pass: that rounds allow,
+                                       and of them, that are counted or skipped */
     uint64_t counted, skipped, out; /* of them; the rest is free */
     uint64_t issued, returned;      /* since the job began */
 };
@@ -56,6 +61,20 @@ schedule_t *schedule_new_empty(const job_settings_t *settings);
 void schedule_tile_refresh(schedule_t *schedule, uint32_t tile);
 /* Counts a range of samples, across rounds, none of which is counted or skipped. */
 void schedule_count_range(schedule_t *schedule, const unit_t *range);
+
+/* ---- schedule_passes.c ---- */
+
+/* The pass that a sample is of, and where a pass ends. */
+uint32_t schedule_pass_of(const schedule_t *schedule, uint32_t sample);
+uint32_t schedule_pass_end(const schedule_t *schedule, uint32_t pass);
+/* Where the last pass ends that is open. */
+uint32_t schedule_open_end(const schedule_t *schedule);
+/* Opens the passes that need nothing but the lessons of `settled` passes. */
+void schedule_passes_init(schedule_t *schedule, uint32_t settled);
+/* Adds the samples [first, end) of a tile to those of their passes, or with `sign` -1 takes them away. */
+void schedule_pass_add(const schedule_t *schedule, uint64_t samples[LEARNING_PASSES], uint32_t tile,
+                       uint32_t first, uint32_t end, int sign);
+bool schedule_in_open_pass(const schedule_t *schedule, const unit_t *unit);
 
 /* ---- schedule_rounds.c ---- */
 

@@ -125,6 +125,8 @@ struct job {
     job_write_t write;
     bool scene_due;                     /* its scene has to be looked at: it may be damaged */
     bool planning;                      /* the next round is being planned */
+    bool teaching;                      /* the plan of the next pass is being made */
+    hash_t plans[LEARNING_PASSES];      /* of passes that are open; all zero: there is none */
     bool gone;                          /* deleted: freed when the last pin goes */
     bool record_due;                    /* the record has changed since the journal got it */
     double last_checkpoint;             /* seconds, when its snapshot was taken; 0: none */

@@ -68,7 +68,8 @@ static result_t use_head(checkpoint_t *c, const Lm__FilmHead *head)
                                   .counted_count = (size_t)head->counted,
                                   .skipped_count = (size_t)head->skipped,
                                   .issued = head->issued,
-                                  .returned = head->returned};
+                                  .returned = head->returned,
+                                  .settled = head->settled};
     if (state_bytes(&c->state) > CHECKPOINT_MAX_STATE)
         return damaged(c, "its schedule is larger than any can be");
     c->state_bytes = (size_t)state_bytes(&c->state);
@@ -262,7 +263,7 @@ static bool same_picture(const job_settings_t *a, const job_settings_t *b)
            a->width == b->width && a->height == b->height && a->max_depth == b->max_depth &&
            a->tile_size == b->tile_size && a->film_scale == b->film_scale && a->strategy_s == b->strategy_s &&
            a->strategy_t == b->strategy_t && a->unweighted == b->unweighted && a->features == b->features &&
-           a->adaptive == b->adaptive && a->cryptomatte == b->cryptomatte &&
+           a->adaptive == b->adaptive && a->cryptomatte == b->cryptomatte && a->learn == b->learn &&
            strcmp(a->light_groups, b->light_groups) == 0;
 }
 
@@ -284,6 +285,7 @@ result_t checkpoint_load(checkpoint_t *c, const job_settings_t *settings, int th
     }
     if (reader.result.code == RESULT_OK) reader.result = check_ranges(c, state);
     (*film)->counts = c->info.counts;
+    (*film)->settled = c->state.settled;
     if (reader.result.code == RESULT_OK) return reader.result;
     film_destroy(film);
     schedule_state_free(state);

@@ -114,6 +114,7 @@ static uint8_t *pack_head(const checkpoint_info_t *info, const schedule_state_t 
     head.tiles = state->tile_count;
     head.counted = state->counted_count;
     head.skipped = state->skipped_count;
+    head.settled = state->settled;
     uint8_t *bytes = mem_alloc(lm__film_head__get_packed_size(&head));
     *size = lm__film_head__pack(&head, bytes);
     return bytes;

@@ -116,12 +116,15 @@ static result_t add(void *self, double now, const incoming_batch_t *incoming)
 static result_t blob_size(void *self, const hash_t *hash, uint64_t *size)
 {
     if (blob_store_find(((farm_service_t *)self)->store, hash, size)) return result_ok();
-    return result_fail(RESULT_INPUT, "this master does not have the blob");
+    return farm_plan_size(farm_of(self), hash, size);
 }
 
 static result_t blob_read(void *self, const hash_t *hash, uint64_t offset, void *bytes, size_t length)
 {
     size_t read = length;
+    uint64_t size;
+    if (farm_plan_size(farm_of(self), hash, &size).code == RESULT_OK)
+        return farm_plan_read(farm_of(self), hash, offset, bytes, length);
     TRY(blob_store_get(((farm_service_t *)self)->store, hash, offset, bytes, &read));
     return read == length ? result_ok() : result_fail(RESULT_IO, "the blob's file is shorter than it was");
 }

@@ -134,8 +134,10 @@ static void send_assignment(peer_server_t *server, const wire_message_t *message
     assignment.check = work->check;
     assignment.n_units = work->unit_count;
     assignment.units = wire_units_new(work->units, work->issues, work->unit_count);
+    assignment.plans = wire_plans_new(work->plans, &assignment.n_plans);
     peer_reply(server, message, LM__ENVELOPE__BODY_ASSIGNMENT, &assignment, NULL);
     free(assignment.units);
+    free(assignment.plans);
 }
 
 static void on_work_request(void *self, peer_server_t *server, const wire_message_t *message)

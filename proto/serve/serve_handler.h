@@ -42,7 +42,8 @@ typedef struct {
     unit_t *units;   /* the caller's, room for WIRE_MAX_UNITS, */
     issue_t *issues; /* and for as many of these, of the units */
     size_t unit_count;
-    uint64_t check; /* not 0: the units make a batch of their own */
+    uint64_t check;                /* not 0: the units make a batch of their own */
+    hash_t plans[LEARNING_PASSES]; /* by pass, of those that the units are of; all zero: there is none */
 } work_t;
 
 /* A worker lives. */

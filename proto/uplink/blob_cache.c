@@ -19,6 +19,8 @@
  */
 #include "proto/uplink/blob_cache.h"
 
+#include "common/file_io.h"
+
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -412,6 +414,26 @@ result_t blob_download_finish(blob_cache_t *cache, blob_download_t *download, sc
                                                   : finish_in_memory(download, blob);
     blob_download_close(download);
     return result;
+}
+
+result_t blob_download_in_memory(const hash_t *hash, uint64_t size, blob_download_t *download)
+{
+    *download = (blob_download_t){.file = memfd_create("blob", MFD_CLOEXEC), .size = size, .hash = *hash};
+    if (download->file >= 0) return result_ok();
+    return result_fail(RESULT_LIMIT, "no memory for a blob of %llu bytes: %s", (unsigned long long)size,
+                       strerror(errno));
+}
+
+result_t blob_download_bytes(const blob_download_t *download, uint8_t **bytes)
+{
+    *bytes = mem_alloc(download->size);
+    bool good = file_read_all(download->file, *bytes, download->size, 0);
+    hash_t hash = hash_bytes(*bytes, download->size);
+    if (good && hash_equal(&hash, &download->hash)) return result_ok();
+    free(*bytes);
+    *bytes = NULL;
+    return result_fail(RESULT_INPUT,
+                       "the master sent a blob that does not have the hash that it should have");
 }
 
 void blob_download_close(blob_download_t *download)

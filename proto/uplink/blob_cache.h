@@ -47,6 +47,11 @@ result_t blob_download_append(blob_download_t *download, const void *data, size_
 /* Checks the whole file, gives it its name, maps it, and closes the download. RESULT_INPUT when the hash is
  * wrong: then the bytes are gone, and the next download starts anew. */
 result_t blob_download_finish(blob_cache_t *cache, blob_download_t *download, scene_blob_t *blob);
+/* A download that goes into memory alone, of a small blob that is no scene; */
+result_t blob_download_in_memory(const hash_t *hash, uint64_t size, blob_download_t *download);
+/* and its bytes, in fresh memory that the caller frees. RESULT_INPUT when the hash is wrong: the next
+ * download starts anew. The download stays open. */
+result_t blob_download_bytes(const blob_download_t *download, uint8_t **bytes);
 /* Closes a download and keeps what has come so far; harmless on a closed one. */
 void blob_download_close(blob_download_t *download);
 

@@ -323,14 +323,14 @@ static result_t take_chunk(blob_download_t *download, wire_message_t *message)
 {
     const Lm__Envelope *envelope = message->envelope;
     if (envelope->body_case == LM__ENVELOPE__BODY_REFUSAL)
-        return result_fail(RESULT_INPUT, "the master refuses the scene: %.300s", envelope->refusal->reason);
+        return result_fail(RESULT_INPUT, "the master refuses the blob: %.300s", envelope->refusal->reason);
     if (envelope->body_case != LM__ENVELOPE__BODY_BLOB_CHUNK || message->payload_count != 1)
         return result_fail(RESULT_PROTOCOL,
-                           "the master answered with something else than a chunk of the scene");
+                           "the master answered with something else than a chunk of the blob");
     const Lm__BlobChunk *chunk = envelope->blob_chunk;
     size_t size = zmq_msg_size(&message->payload[0]);
     if (chunk->offset != download->have || size == 0)
-        return result_fail(RESULT_PROTOCOL, "the master sent a chunk of the scene that nobody asked for");
+        return result_fail(RESULT_PROTOCOL, "the master sent a chunk of the blob that nobody asked for");
     return blob_download_append(download, zmq_msg_data(&message->payload[0]), size);
 }
 
@@ -441,6 +441,48 @@ static void load(bulk_t *bulk, const assignment_t *assignment)
         log_debug("%s; trying again", result.message);
         pause_briefly(bulk);
     } else if (result.code != RESULT_CANCELLED) {
+        log_error("job %llu cannot be rendered here: %s", (unsigned long long)assignment->job,
+                  result.message);
+        handler->calls->refuse(handler->self, assignment->job, result);
+    }
+}
+
+/* ---- plans --------------------------------------------------------------------------------------------- */
+
+/* Brings a plan into memory, from the master, whose film has it. */
+static result_t obtain_plan(bulk_t *bulk, const assignment_t *assignment, uint32_t pass, uint8_t **bytes,
+                            size_t *size)
+{
+    blob_download_t download;
+    *size = learning_plan_bytes(pass);
+    TRY(open_link(bulk));
+    TRY(blob_download_in_memory(&assignment->plans[pass], *size, &download));
+    result_t result = fetch_rest(bulk, assignment->job, &download);
+    if (result.code == RESULT_INPUT) /* the job is over, or not there yet after a restart: we are told soon */
+        result.code = RESULT_UNREACHABLE;
+    if (result.code == RESULT_OK) result = blob_download_bytes(&download, bytes);
+    blob_download_close(&download);
+    return result;
+}
+
+static void fetch_plan(bulk_t *bulk, const assignment_t *assignment, uint32_t pass)
+{
+    const uplink_handler_t *handler = &bulk->options.handler;
+    double start = clock_now();
+    uint8_t *bytes = NULL;
+    size_t size;
+    result_t result = obtain_plan(bulk, assignment, pass, &bytes, &size);
+    if (result.code == RESULT_OK)
+        result = handler->calls->planned(handler->self, assignment, pass, bytes, size);
+    free(bytes);
+    if (result.code == RESULT_OK) {
+        log_debug("job %llu: the plan of pass %u, %.2f MB, was here and ready after %.3f s",
+                  (unsigned long long)assignment->job, pass, 1e-6 * (double)size, clock_now() - start);
+    } else if (result.code == RESULT_UNREACHABLE) {
+        log_debug("a plan: %s; trying again", result.message);
+        pause_briefly(bulk);
+    } else if (result.code != RESULT_CANCELLED) {
+        result = result_fail(result.code, "its plan of pass %u: %.350s", pass, result.message);
         log_error("job %llu cannot be rendered here: %s", (unsigned long long)assignment->job,
                   result.message);
         handler->calls->refuse(handler->self, assignment->job, result);
@@ -690,6 +732,9 @@ static void *bulk_thread(void *argument)
         switch (duty.kind) {
         case DUTY_LOAD:
             load(bulk, &duty.assignment);
+            break;
+        case DUTY_PLAN:
+            fetch_plan(bulk, &duty.assignment, duty.pass);
             break;
         case DUTY_OFFER:
             deliver(bulk, &duty.offer);

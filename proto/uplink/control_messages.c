@@ -200,7 +200,11 @@ static result_t read_assignment(const Lm__Assignment *message, assignment_t *ass
     if (message->blob_size == 0 || message->blob_size > BLOB_MAX_BYTES)
         return result_fail(RESULT_LIMIT, "a scene of %llu bytes", (unsigned long long)message->blob_size);
     assignment->content = job_content_hash(&assignment->settings, &assignment->blob);
-    return read_units(message, assignment);
+    TRY(read_units(message, assignment));
+    result_t result = wire_plans_get(message->plans, message->n_plans, &assignment->settings,
+                                     assignment->units, assignment->unit_count, assignment->plans);
+    if (result.code != RESULT_OK) free(assignment->units);
+    return result;
 }
 
 static void on_assignment(control_t *control, const Lm__Assignment *message)

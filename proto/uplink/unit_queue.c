@@ -41,11 +41,25 @@ void unit_queue_push(unit_queue_t *queue, const job_settings_t *settings, unit_t
     append(queue, settings, unit);
 }
 
-unit_t unit_queue_pop(unit_queue_t *queue, const job_settings_t *settings)
+bool unit_queue_pop(unit_queue_t *queue, const job_settings_t *settings, uint32_t plans, unit_t *unit)
 {
-    unit_t unit = queue->units[queue->first++];
-    queue->samples -= unit_samples(settings, &unit);
-    return unit;
+    size_t at = queue->first;
+    while (at < queue->end && !learning_ready(settings, queue->units[at].first, plans)) at++;
+    if (at == queue->end) return false;
+    *unit = queue->units[at];
+    memmove(queue->units + queue->first + 1, queue->units + queue->first,
+            (at - queue->first) * sizeof *queue->units);
+    queue->first++;
+    queue->samples -= unit_samples(settings, unit);
+    return true;
+}
+
+uint32_t unit_queue_lacks(const unit_queue_t *queue, const job_settings_t *settings, uint32_t plans)
+{
+    for (size_t i = queue->first; i < queue->end; i++)
+        if (!learning_ready(settings, queue->units[i].first, plans))
+            return learning_pass(settings, queue->units[i].first);
+    return LEARNING_PASSES;
 }
 
 void unit_queue_clear(unit_queue_t *queue)

@@ -22,7 +22,18 @@ typedef struct {
     unit_t *units;      /* valid for the job */
     size_t unit_count;
     uint64_t *macs; /* that show that the units were issued, in the same piece of memory; NULL: not known */
+    hash_t
+        plans[LEARNING_PASSES]; /* hashes of plans, by pass, of those that the units are of; all zero: none */
 } assignment_t;
+
+/* False when two name different plans for a pass. */
+static inline bool assignment_plans_agree(const hash_t a[LEARNING_PASSES], const hash_t b[LEARNING_PASSES])
+{
+    bool agree = true;
+    for (uint32_t pass = 0; pass < LEARNING_PASSES; pass++)
+        agree &= hash_is_zero(&a[pass]) || hash_is_zero(&b[pass]) || hash_equal(&a[pass], &b[pass]);
+    return agree;
+}
 
 /* A batch that is ready to be closed and sent. */
 typedef struct {
@@ -44,13 +55,15 @@ typedef struct {
 typedef enum {
     DUTY_NONE,
     DUTY_LOAD,   /* fetch the blob of `assignment`, call loaded or refuse */
+    DUTY_PLAN,   /* fetch a plan of `assignment`, call planned or refuse */
     DUTY_OFFER,  /* ask the master to take `offer`; when it is granted, close, send, call sent */
     DUTY_MEASURE /* see how fast the link is by now */
 } duty_kind_t;
 
 typedef struct {
     duty_kind_t kind;
-    assignment_t assignment; /* DUTY_LOAD; without units */
+    assignment_t assignment; /* DUTY_LOAD, DUTY_PLAN; without units */
+    uint32_t pass;           /* DUTY_PLAN */
     offer_t offer;           /* DUTY_OFFER */
     double wait;             /* DUTY_NONE: seconds until it is worth asking again, if nobody wakes us */
 } duty_t;
@@ -112,6 +125,10 @@ typedef struct {
     /* The scene of a job is here; the blob is taken over in any case. Takes as long as making it ready does;
      * a failure is followed by refuse. */
     result_t (*loaded)(void *self, uint64_t job, scene_blob_t *blob);
+    /* A plan of a job is here, the bytes of a blob that has its hash. RESULT_INPUT or RESULT_MISMATCH when it
+     * is none of the job's; that is followed by refuse. */
+    result_t (*planned)(void *self, const assignment_t *assignment, uint32_t pass, const uint8_t *bytes,
+                        size_t size);
     /* The job cannot be rendered here: drops its units and keeps `why` for the control thread. */
     void (*refuse)(void *self, uint64_t job, result_t why);
     /* Closes the batch that was offered. */

@@ -62,6 +62,8 @@ void payload_reader_free(payload_reader_t **reader);
 result_t payload_open(payload_reader_t *reader, const zmq_msg_t *payload, sum_kind_t kind, size_t values);
 /* The next piece, valid until the one after is read. False when there is none: payload_end tells why. */
 bool payload_read(payload_reader_t *reader, payload_piece_t *piece);
+/* False when a piece of lessons has some that the batch cannot have. */
+bool payload_lessons_possible(const payload_piece_t *piece, const lesson_limits_t *limits);
 /* RESULT_PROTOCOL when the payload was damaged. */
 result_t payload_end(const payload_reader_t *reader);
 /* The pixels of a piece from `first` (a multiple of 64) on that are marked: up to 64, from the lowest bit. */

@@ -57,7 +57,7 @@ static inline band_t band_at(const sum_layout_t *layout, size_t values, size_t i
                    .lanes = layout->groups[group],
                    .pixels = pixels < BAND_PIXELS ? pixels : BAND_PIXELS,
                    .differences = layout->differences,
-                   .colours = layout->frame};
+                   .colours = layout->frame && layout->places == 0};
     for (size_t g = 0; g < group; g++) band.offset += layout->groups[g];
     return band;
 }

@@ -367,7 +367,8 @@ static void make_piece(payload_reader_t *reader, payload_piece_t *piece)
 static void make_raw_piece(payload_reader_t *reader, payload_piece_t *piece)
 {
     const band_t *band = &reader->band;
-    size_t left = band->pixels - reader->next_pixel, most = ARRAY_LENGTH(reader->piece) / band->lanes;
+    size_t left = band->pixels - reader->next_pixel, room = ARRAY_LENGTH(reader->piece) / band->lanes;
+    size_t most = room < PAYLOAD_PIECE ? room : PAYLOAD_PIECE;
     size_t pixels = left < most ? left : most;
     size_t bytes = pixels * band->lanes * sizeof(int64_t);
     memcpy(reader->piece, input_take(&reader->rest, bytes), bytes);
@@ -393,6 +394,16 @@ bool payload_read(payload_reader_t *reader, payload_piece_t *piece)
     else
         make_piece(reader, piece);
     return true;
+}
+
+bool payload_lessons_possible(const payload_piece_t *piece, const lesson_limits_t *limits)
+{
+    const int64_t *value = piece->values;
+    bool good = true;
+    for (size_t i = 0; i < piece->pixels; i += 64)
+        for (uint64_t mask = payload_marked(piece, i); mask != 0; mask &= mask - 1)
+            good &= lesson_possible(limits, piece->first + i + (size_t)__builtin_ctzll(mask), *value++);
+    return good;
 }
 
 result_t payload_end(const payload_reader_t *reader)

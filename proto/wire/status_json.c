@@ -27,6 +27,7 @@ static void put_settings(json_t *object, const Lm__Settings *message)
     json_object_set_new(object, "save_at", save_at);
     put_flag(object, "layers", settings.features);
     put_flag(object, "cryptomatte", settings.cryptomatte);
+    put_flag(object, "learn", settings.learn);
     put_text(object, "light_groups", settings.light_groups);
     if (settings.strategy_t == 0) return;
     put_count(object, "strategy_s", (uint64_t)settings.strategy_s);

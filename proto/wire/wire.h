@@ -184,6 +184,12 @@ result_t wire_units_get(Lm__Unit *const *messages, size_t count, const job_setti
  * its settings are to be filled in; its sums are in the payloads, of which the message has all BATCH_PAYLOADS
  * then. */
 result_t wire_batch_get(wire_message_t *message, batch_t *batch, issue_t **issues);
+/* The plans that are there, by pass; *count is how many. The caller frees the result. */
+Lm__Plan **wire_plans_new(const hash_t plans[LEARNING_PASSES], size_t *count);
+/* The reverse, all zero where none is named. RESULT_PROTOCOL when a unit, of those that the plans are for,
+ * crosses passes of a job that learns, or has no plan where it needs one. */
+result_t wire_plans_get(Lm__Plan *const *messages, size_t message_count, const job_settings_t *settings,
+                        const unit_t *units, size_t count, hash_t plans[LEARNING_PASSES]);
 /* False when the bytes field is not exactly HASH_BYTES long. */
 bool wire_hash_get(const ProtobufCBinaryData *bytes, hash_t *hash);
 /* Points the bytes field at the hash, which must outlive the message. */

@@ -60,7 +60,8 @@ const char *wire_rights_name(unsigned rights)
     SMALL_SETTINGS(FIELD)                                                                                    \
     FIELD(seed)                                                                                              \
     FIELD(spp)                                                                                               \
-    FIELD(time_limit) FIELD(features) FIELD(unweighted) FIELD(error) FIELD(adaptive) FIELD(cryptomatte)
+    FIELD(time_limit)                                                                                        \
+    FIELD(features) FIELD(unweighted) FIELD(error) FIELD(adaptive) FIELD(cryptomatte) FIELD(learn)
 #define TERMS(FIELD) FIELD(priority) FIELD(verify) FIELD(mixed) FIELD(halves)
 #define ORDER(FIELD) FIELD(job) FIELD(kind) FIELD(priority) FIELD(spp) FIELD(error) FIELD(time_limit)
 #define COUNTS(FIELD) FIELD(dropped) FIELD(overflows) FIELD(rays) FIELD(cpu_us)
@@ -205,6 +206,51 @@ result_t wire_batch_get(wire_message_t *message, batch_t *batch, issue_t **issue
     *issues = mem_alloc(body->n_units * sizeof **issues);
     wire_counts_get(body->counts, &batch->counts);
     return wire_units_get(body->units, body->n_units, NULL, batch->units, *issues);
+}
+
+Lm__Plan **wire_plans_new(const hash_t plans[LEARNING_PASSES], size_t *count)
+{
+    Lm__Plan **messages = mem_alloc(LEARNING_PASSES * (sizeof *messages + sizeof **messages));
+    Lm__Plan *storage = (Lm__Plan *)(messages + LEARNING_PASSES);
+    *count = 0;
+    for (uint32_t pass = 0; pass < LEARNING_PASSES; pass++) {
+        if (hash_is_zero(&plans[pass])) continue;
+        Lm__Plan *plan = &storage[*count];
+        lm__plan__init(plan);
+        plan->pass = pass;
+        plan->blob = wire_hash_put(&plans[pass]);
+        messages[(*count)++] = plan;
+    }
+    return messages;
+}
+
+/* Whether each unit lies within one pass, whose plan is named if it has one. */
+static result_t check_passes(const job_settings_t *settings, const unit_t *units, size_t count,
+                             const hash_t plans[LEARNING_PASSES])
+{
+    for (size_t i = 0; i < count && job_learns(settings); i++) {
+        uint32_t pass = learning_pass(settings, units[i].first);
+        if (unit_end(&units[i]) > learning_pass_begin(settings, pass + 1))
+            return result_fail(RESULT_PROTOCOL, "a unit of samples %u + %u crosses passes", units[i].first,
+                               units[i].count);
+        if (learning_teachers(pass) > 0 && hash_is_zero(&plans[pass]))
+            return result_fail(RESULT_PROTOCOL, "units of pass %u without a plan", pass);
+    }
+    return result_ok();
+}
+
+result_t wire_plans_get(Lm__Plan *const *messages, size_t message_count, const job_settings_t *settings,
+                        const unit_t *units, size_t count, hash_t plans[LEARNING_PASSES])
+{
+    memset(plans, 0, LEARNING_PASSES * sizeof *plans);
+    for (size_t i = 0; i < message_count && job_learns(settings); i++) {
+        uint32_t pass = messages[i]->pass;
+        if (pass >= learning_passes(settings) || learning_teachers(pass) == 0)
+            return result_fail(RESULT_PROTOCOL, "a plan of pass %u, which has none", pass);
+        if (!wire_hash_get(&messages[i]->blob, &plans[pass]))
+            return result_fail(RESULT_PROTOCOL, "a plan without a hash");
+    }
+    return check_passes(settings, units, count, plans);
 }
 
 bool wire_hash_get(const ProtobufCBinaryData *bytes, hash_t *hash)

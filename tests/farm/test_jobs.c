@@ -75,7 +75,7 @@ static uint64_t submit_endless(rig_t *rig, const char *name, const char *priorit
 {
     char *output = run(rig, 0,
                        ARGUMENTS("submit", SCENE, "--spp", "1000000000", "--resolution", "64x64", "--name",
-                                 name, "--priority", priority));
+                                 name, "--priority", priority, "--no-learn"));
     uint64_t job = strtoull(output, NULL, 10);
     assert_true(job > 0);
     free(output);

@@ -26,6 +26,7 @@ static job_settings_t settings_of(uint8_t choice)
     settings.features = (choice & 4) != 0;
     settings.spp = 100;
     settings.cryptomatte = (choice & 16) != 0;
+    settings.learn = (choice & 32) != 0;
     if ((choice & 8) != 0) strcpy(settings.light_groups, "a=0,b=area,rest");
     return settings;
 }
@@ -67,16 +68,6 @@ static void check_encoder(const batch_t *batch)
     batch_free(&again);
 }
 
-/* The film takes no features and mattes that a sample cannot have; the units here have one sample each. */
-static bool sums_possible(const batch_t *batch)
-{
-    const int64_t limit = (int64_t)1 << 57;
-    for (sum_kind_t k = 0; k < BATCH_SUMS; k++)
-        for (size_t i = 0; i < batch->sums[k].count && film_sums[k].sample_bits > 0; i++)
-            if (batch->sums[k].values[i] >= limit || batch->sums[k].values[i] <= -limit) return false;
-    return true;
-}
-
 static void compare_decoders(const job_settings_t *settings, zmq_msg_t payload[BATCH_PAYLOADS],
                              batch_t *batch)
 {
@@ -86,7 +77,7 @@ static void compare_decoders(const job_settings_t *settings, zmq_msg_t payload[B
     result_t merged = shared_film_merge_payload(shared_film, payload, batch, NULL, 1);
     shared_film_leave(shared_film);
     result_t decoded = payload_decode(payload, batch);
-    bool sound = decoded.code == RESULT_OK && sums_possible(batch);
+    bool sound = decoded.code == RESULT_OK && batch_check_sums(batch).code == RESULT_OK;
     fuzz_expect((merged.code == RESULT_OK) == sound, "the decoders do not agree");
     fuzz_expect(decoded.code == RESULT_OK || decoded.message[0] != '\0', "an error without text");
     const film_t *result = shared_film_lock(shared_film);
@@ -103,9 +94,10 @@ int fuzz_payload(const uint8_t *data, size_t size)
 {
     if (size < HEADER) return 0;
     job_settings_t settings = settings_of(data[0]);
-    int count = settings.light_groups[0] != '\0' ? BATCH_PAYLOADS
-                : settings.cryptomatte           ? SUM_MATTES + 1
-                                                 : SUM_FEATURES + 1;
+    int count = settings.learn                     ? BATCH_PAYLOADS
+                : settings.light_groups[0] != '\0' ? SUM_GROUP_SPLAT + 1
+                : settings.cryptomatte             ? SUM_MATTES + 1
+                                                   : SUM_FEATURES + 1;
     size_t header = 2 * (size_t)count, left = size - header;
     if (size < header) return 0;
     batch_t batch;

@@ -52,6 +52,7 @@ class Programs:
                    "--film-scale", str(settings.film_scale), "--sampler", ("sobol", "independent")[settings.sampler - 1]]
         options += [] if settings.features else ["--no-layers"]
         options += ["--cryptomatte"] if settings.cryptomatte else []
+        options += [] if settings.learn else ["--no-learn"]
         options += ["--light-groups", settings.light_groups] if settings.light_groups else []
         if (named := " ".join(options)) not in self.hashes:
             path = f"{self.folder}/undisturbed.exr"

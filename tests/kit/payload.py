@@ -14,6 +14,8 @@ LAYERED_SAMPLES = 32  # features and mattes are of the first so many
 # The values of a pixel, and how they are shared out to the bands of a chunk. Frames are like tiles but for the colours.
 PLAIN = [range(0, 3)]
 FRAME = [range(0, 3)]
+LESSONS = [range(0, 1)]
+LESSON_PLACES = 32768
 FEATURES = [range(0, 3), range(3, 6), range(6, 9), range(9, 10), range(10, 12), range(12, 14)]
 MATTES = [range(0, 3), range(3, 6), range(6, 9), range(9, 12), range(12, 15), range(15, 16)]
 
@@ -25,6 +27,7 @@ def content(settings, blob):
             f"scale {settings.film_scale} strategy {settings.strategy_s} {settings.strategy_t} "
             f"unweighted {int(settings.unweighted)} features {int(settings.features)}")
     text += " cryptomatte" if settings.cryptomatte else ""
+    text += " learn" if settings.learn else ""
     text += f" groups {settings.light_groups}" if settings.light_groups else ""
     return hashlib.blake2b(text.encode(), digest_size=32).digest()
 
@@ -61,10 +64,12 @@ class Shape:
         self.mattes = sum(layered) * 16 if settings.cryptomatte else 0
         self.group_eye = sum(pixels) * 3 * groups
         self.group_splats = frame * 3 * groups if splats else 0
+        learns = settings.learn and settings.integrator == BDPT and settings.strategy_t == 0
+        self.lessons = LESSON_PLACES * (3 if settings.adaptive else 10) if learns else 0
 
     def parts(self):
         return [(PLAIN, self.eye), (FRAME, self.splats), (FEATURES, self.features), (MATTES, self.mattes), (PLAIN, self.group_eye),
-                (FRAME, self.group_splats)]
+                (FRAME, self.group_splats), (LESSONS, self.lessons)]
 
 
 def encode(values):
@@ -195,13 +200,14 @@ def _block(data, size):
 
 
 class Sums:
-    """The six payloads of a batch as arrays; those that the batch does not have are None."""
+    """The seven payloads of a batch as arrays; those that the batch does not have are None."""
 
-    NAMES = ("eye", "splats", "features", "mattes", "group_eye", "group_splats")
+    NAMES = ("eye", "splats", "features", "mattes", "group_eye", "group_splats", "lessons")
+    FRAMES = ("splats", "group_splats", "lessons")
 
     def __init__(self, settings, units, payloads=()):
         self.units = list(units)
-        frames = [*payloads, *[b""] * (6 - len(payloads))]
+        frames = [*payloads, *[b""] * (7 - len(payloads))]
         for name, frame, (bands, count) in zip(self.NAMES, frames, Shape(settings, units).parts()):
             setattr(self, name, decode(frame, bands, count))
 
@@ -214,14 +220,14 @@ class Sums:
         return sums
 
     def add(self, other):
-        """Appends another batch: tiles one after the other, splat frames summed."""
+        """Appends another batch: tiles one after the other, frames summed."""
         self.units += other.units
         for name in self.NAMES:
             mine, theirs = getattr(self, name), getattr(other, name)
             if mine is None or theirs is None:
                 setattr(self, name, theirs if mine is None else mine)
             else:
-                setattr(self, name, mine + theirs if "splats" in name else np.concatenate((mine, theirs)))
+                setattr(self, name, mine + theirs if name in self.FRAMES else np.concatenate((mine, theirs)))
 
     def payloads(self):
         frames = [encode(getattr(self, name)) for name in self.NAMES]

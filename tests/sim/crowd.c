@@ -22,7 +22,7 @@ static const double HOLD_SECONDS = 1.0;    /* of work, as a worker holds it ahea
 static const double UNIT_SECONDS = 0.4;    /* in a good unit, likewise */
 static const double REQUEST_TIMEOUT = 5.0; /* seconds before work is asked for again */
 static const double OFFER_TIMEOUT = 20.0;  /* seconds before an offer is repeated */
-enum { MAX_EVENTS = 256 };
+enum { MAX_EVENTS = 256, CHUNK = 1 << 20 };
 
 typedef struct {
     crowd_t *crowd;
@@ -36,7 +36,9 @@ typedef struct {
     double next_beat, beat_sent, next_work, offered_at;
 
     uint64_t job;
-    unit_t *queue; /* assigned, not "rendered" yet */
+    uint32_t plans; /* passes whose plans were asked for */
+    bool starved;   /* the master had no work, and nothing came since */
+    unit_t *queue;  /* assigned, not "rendered" yet */
     size_t queued, queue_capacity;
     issued_t issued;  /* how they were issued, and those of the open batch */
     double head_done; /* clock, when its first unit is finished */
@@ -149,6 +151,23 @@ static void ask_for_work(member_t *member, double now, double samples)
     member->next_work = now + REQUEST_TIMEOUT;
 }
 
+/* A plan, in chunks; what comes is thrown away. */
+static void fetch_plan(member_t *member, const Lm__Plan *plan)
+{
+    size_t size = learning_plan_bytes(plan->pass);
+    for (size_t at = 0; at < size; at += CHUNK) {
+        Lm__BlobGet get = LM__BLOB_GET__INIT;
+        Lm__Envelope envelope = LM__ENVELOPE__INIT;
+        get.blob = plan->blob;
+        get.offset = at;
+        get.length = size - at < CHUNK ? (uint32_t)(size - at) : CHUNK;
+        envelope.body_case = LM__ENVELOPE__BODY_BLOB_GET;
+        envelope.blob_get = &get;
+        send_message(member, true, &envelope, NULL, 0);
+    }
+    member->plans |= UINT32_C(1) << plan->pass;
+}
+
 static void make_offer(member_t *member, double now)
 {
     Lm__BatchOffer offer = LM__BATCH_OFFER__INIT;
@@ -253,6 +272,9 @@ static void on_assignment(member_t *member, const Lm__Assignment *assignment, do
         member->queued = count;
     }
     member->job = assignment->job;
+    member->starved = false;
+    for (size_t i = 0; i < assignment->n_plans; i++)
+        if ((member->plans >> assignment->plans[i]->pass & 1) == 0) fetch_plan(member, assignment->plans[i]);
 }
 
 static void on_beat(member_t *member, const Lm__HeartbeatReply *answer, double now)
@@ -310,6 +332,7 @@ static void on_message(member_t *member, const Lm__Envelope *envelope, double no
         break;
     case LM__ENVELOPE__BODY_NO_WORK:
         member->work_request = 0;
+        member->starved = true;
         member->next_work = now + 1e-3 * envelope->no_work->retry_ms;
         break;
     case LM__ENVELOPE__BODY_PROBE_REPLY:
@@ -393,8 +416,9 @@ static void tend(member_t *member, double now)
     if (atomic_load(&member->crowd->ending)) return;
     render(member, now);
     keep_busy(member, now);
-    bool due =
-        member->opened > 0 && member->under_way == 0 && now - member->open_since >= member->batch_interval;
+    bool last = member->starved && member->queued == 0;
+    bool due = member->opened > 0 && member->under_way == 0 &&
+               (last || now - member->open_since >= member->batch_interval);
     bool waiting = member->offer_request != 0 && now - member->offered_at < OFFER_TIMEOUT;
     if (due && !waiting) make_offer(member, now);
 }

@@ -16,6 +16,7 @@ static const char HELP[] = "sim: a real master and very many simulated workers: 
                            "  --power P              of a worker, in cores of this machine (1)\n"
                            "  --row S                between lines of the table (10)\n"
                            "  --relays N             between the workers and the master (0)\n"
+                           "  --no-learn             the job does not learn\n"
                            "  --batch-memory MB      the master's memory for batches\n"
                            "  --master OPTIONS       more options for lightmill-master\n"
                            "  --stop-and-go          the master is stopped for a second of every four\n";
@@ -29,6 +30,7 @@ static bool set_option(sim_options_t *options, const char *name, const char *val
     if (strcmp(name, "power") == 0) options->power = atof(value);
     if (strcmp(name, "row") == 0) options->row = atof(value);
     if (strcmp(name, "relays") == 0) options->relays = atoi(value);
+    if (strcmp(name, "no-learn") == 0) options->no_learn = true;
     if (strcmp(name, "batch-memory") == 0) options->batch_megabytes = atoi(value);
     if (strcmp(name, "master") == 0) options->master = value;
     if (strcmp(name, "stop-and-go") == 0) options->pause_merging = true;
@@ -58,13 +60,19 @@ static void print_summary(const sim_report_t *r)
 
 int main(int argc, char **argv)
 {
-    static const struct option table[] = {
-        {"workers", required_argument, NULL, 0}, {"size", required_argument, NULL, 0},
-        {"seconds", required_argument, NULL, 0}, {"interval", required_argument, NULL, 0},
-        {"power", required_argument, NULL, 0},   {"row", required_argument, NULL, 0},
-        {"relays", required_argument, NULL, 0},  {"batch-memory", required_argument, NULL, 0},
-        {"master", required_argument, NULL, 0},  {"stop-and-go", no_argument, NULL, 0},
-        {"help", no_argument, NULL, 'h'},        {NULL, 0, NULL, 0}};
+    static const struct option table[] = {{"workers", required_argument, NULL, 0},
+                                          {"size", required_argument, NULL, 0},
+                                          {"seconds", required_argument, NULL, 0},
+                                          {"interval", required_argument, NULL, 0},
+                                          {"power", required_argument, NULL, 0},
+                                          {"row", required_argument, NULL, 0},
+                                          {"relays", required_argument, NULL, 0},
+                                          {"batch-memory", required_argument, NULL, 0},
+                                          {"master", required_argument, NULL, 0},
+                                          {"stop-and-go", no_argument, NULL, 0},
+                                          {"no-learn", no_argument, NULL, 0},
+                                          {"help", no_argument, NULL, 'h'},
+                                          {NULL, 0, NULL, 0}};
     sim_options_t options = sim_options_default();
     int index, choice;
     while ((choice = getopt_long(argc, argv, "h", table, &index)) != -1) {

@@ -12,8 +12,8 @@
 
 enum {
     LEVELS = 6,         /* each of twice the seconds of the one before */
-    FIRST_SAMPLE = 32,  /* beyond the samples that have features */
-    UNIT_SAMPLES = 128, /* a unit of some tenths of a second */
+    FIRST_SAMPLE = 256, /* beyond the samples that have features */
+    UNIT_SAMPLES = 128, /* a unit of some tenths of a second; it lies within a pass */
     TILE_STEP = 7919    /* a prime: rendered tiles lie all over the image */
 };
 
@@ -34,7 +34,8 @@ struct prepared {
     job_settings_t settings;
     double speed;
     level_t levels[LEVELS];
-    int64_t *eye; /* some eye sums */
+    zmq_msg_t lessons[LEARNING_PASSES]; /* of a batch that has units of this pass; empty: it teaches none */
+    int64_t *eye;                       /* some eye sums */
     size_t eye_count;
     pthread_mutex_t lock; /* guards what follows */
     eye_t *eyes;
@@ -70,6 +71,28 @@ static result_t keep_level(level_t *level, const batch_t *batch, double seconds)
     return result_ok();
 }
 
+/* Makes lesson frames for batches of each pass, like those of a rendered batch, but such that units of any
+ * size may have them. */
+static result_t keep_lessons(prepared_t *prepared, const batch_t *rendered)
+{
+    const job_settings_t *settings = &prepared->settings;
+    const int64_t *from = rendered->sums[SUM_LESSONS].values;
+    from += learning_pass(settings, FIRST_SAMPLE) * LEARNING_PLACES;
+    for (uint32_t pass = 0; pass < learning_taught(settings); pass++) {
+        batch_t batch;
+        zmq_msg_t payload[BATCH_PAYLOADS];
+        batch_init(&batch, settings);
+        int64_t *to = batch_frame(&batch, SUM_LESSONS) + pass * LEARNING_PLACES;
+        for (size_t i = 0; i < LEARNING_PLACES; i++) to[i] = from[i] & ((1 << LEARNING_BITS) - 1);
+        result_t result = payload_encode(&batch, true, payload);
+        batch_free(&batch);
+        TRY(result);
+        zmq_msg_move(&prepared->lessons[pass], &payload[SUM_LESSONS]);
+        for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
+    }
+    return result_ok();
+}
+
 static result_t render(prepared_t *prepared, double seconds)
 {
     renderer_t *renderer;
@@ -94,6 +117,7 @@ static result_t render(prepared_t *prepared, double seconds)
         }
     }
     prepared->speed = (double)samples / spent;
+    if (result.code == RESULT_OK && job_learns(&prepared->settings)) result = keep_lessons(prepared, &batch);
     prepared->eye = batch.sums[SUM_EYE].values;
     prepared->eye_count = batch.sums[SUM_EYE].count;
     batch.sums[SUM_EYE].values = NULL;
@@ -103,12 +127,13 @@ static result_t render(prepared_t *prepared, double seconds)
     return result;
 }
 
-result_t prepared_new(const char *scene, int width, int height, double seconds, prepared_t **out)
+result_t prepared_new(const char *scene, int width, int height, double seconds, bool learn, prepared_t **out)
 {
     prepared_t *prepared = mem_zalloc(1, sizeof *prepared);
     uint64_t size;
     pthread_mutex_init(&prepared->lock, NULL);
     for (int i = 0; i < LEVELS; i++) zmq_msg_init(&prepared->levels[i].frame);
+    for (int i = 0; i < LEARNING_PASSES; i++) zmq_msg_init(&prepared->lessons[i]);
     result_t result = import_scene_blob(scene, NULL, &prepared->bytes, &size);
     if (result.code == RESULT_OK) result = blob_open(prepared->bytes, size, &prepared->blob);
     if (result.code == RESULT_OK) {
@@ -116,6 +141,7 @@ result_t prepared_new(const char *scene, int width, int height, double seconds, 
         prepared->settings.width = width;
         prepared->settings.height = height;
         prepared->settings.features = false;
+        prepared->settings.learn = learn;
         prepared->settings.spp = 1 << 24;
         result = render(prepared, seconds);
     }
@@ -129,6 +155,7 @@ void prepared_destroy(prepared_t **pointer)
     prepared_t *prepared = *pointer;
     if (prepared == NULL) return;
     for (int i = 0; i < LEVELS; i++) zmq_msg_close(&prepared->levels[i].frame);
+    for (int i = 0; i < LEARNING_PASSES; i++) zmq_msg_close(&prepared->lessons[i]);
     for (size_t i = 0; i < prepared->eyes_count; i++) zmq_msg_close(&prepared->eyes[i].frame);
     pthread_mutex_destroy(&prepared->lock);
     free(prepared->eyes);
@@ -220,4 +247,6 @@ void prepared_payloads(prepared_t *prepared, const unit_t *units, size_t count, 
     pthread_mutex_unlock(&prepared->lock);
     share(&level_of(prepared, seconds)->frame, &payload[1]);
     for (int i = 2; i < BATCH_PAYLOADS; i++) zmq_msg_init(&payload[i]);
+    uint32_t pass = learning_pass(&prepared->settings, units[0].first);
+    if (zmq_msg_size(&prepared->lessons[pass]) > 0) share(&prepared->lessons[pass], &payload[SUM_LESSONS]);
 }

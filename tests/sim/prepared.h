@@ -12,7 +12,8 @@ typedef struct prepared prepared_t;
 
 /* Renders the scene in a file for so many CPU seconds of one thread. `settings` are what the job will have.
  */
-result_t prepared_new(const char *scene, int width, int height, double seconds, prepared_t **prepared);
+result_t prepared_new(const char *scene, int width, int height, double seconds, bool learn,
+                      prepared_t **prepared);
 /* No message of it is in use any more. */
 void prepared_destroy(prepared_t **prepared);
 

@@ -113,7 +113,7 @@ static result_t set_up(sim_t *sim)
     TRY(processes_new(&sim->processes));
     raise_file_limit();
     TRY(prepared_new(options->scene, options->width, options->height,
-                     fmax(0.05, options->power * options->interval), &sim->prepared));
+                     fmax(0.05, options->power * options->interval), !options->no_learn, &sim->prepared));
     start_master(sim);
     start_relays(sim);
     TRY(submit(sim));

@@ -14,6 +14,7 @@ typedef struct {
     double interval;     /* seconds between batches */
     double power;        /* of a worker, in cores of this machine */
     double row;          /* seconds between lines of the table */
+    bool no_learn;       /* the job does not learn */
     int relays;          /* between the workers and the master; 0: none */
     int batch_megabytes; /* the master's --batch-memory; 0: its default */
     bool pause_merging;  /* the master is stopped for a second now and then */

@@ -75,6 +75,11 @@ result_t renderer_new(const scene_blob_t *blob, const job_settings_t *settings, 
     return result_ok();
 }
 
+void renderer_plan(renderer_t *renderer, const learning_plan_t *lessons)
+{
+    (void)renderer, (void)lessons; /* nothing is learned from them yet */
+}
+
 uint64_t renderer_memory(const scene_blob_t *blob)
 {
     /* Of Embree's trees, by primitive; and of tables for images and lights, which are smaller than these. */

@@ -228,7 +228,7 @@ static result_t take_light_groups(json_t *body, http_submission_t *submission)
 static result_t take_settings(json_t *body, overrides_t *overrides)
 {
     int integrator, sampler;
-    bool layers = true;
+    bool layers = true, learn = true;
     *overrides = overrides_none();
     TRY(take_end(body, overrides));
     TRY(take_size(body, overrides));
@@ -242,7 +242,9 @@ static result_t take_settings(json_t *body, overrides_t *overrides)
     TRY(take_count(body, "film_scale", FILM_MIN_SCALE, FILM_MAX_SCALE, -1, &overrides->film_scale));
     TRY(take_flag(body, "layers", &layers));
     TRY(take_flag(body, "cryptomatte", &overrides->cryptomatte));
+    TRY(take_flag(body, "learn", &learn));
     overrides->no_layers = !layers;
+    overrides->no_learn = !learn;
     return result_ok();
 }
 

@@ -48,6 +48,7 @@ static job_settings_t settings_of(int width, int height)
     settings.width = width;
     settings.height = height;
     settings.spp = 16;
+    settings.learn = false; /* lessons are larger than most of these films */
     return settings;
 }
 
@@ -70,11 +71,19 @@ static job_film_t make_film(const job_settings_t *settings, uint64_t seed)
         fill(film->sums[SUM_FEATURES], values / 6 * FEATURE_VALUES, seed + 2);
     for (sum_kind_t k = SUM_GROUP_EYE; k <= SUM_GROUP_SPLAT; k++)
         if (film->sums[k] != NULL) fill(film->sums[k], sum_image_values(settings, k), seed + k);
+    if (film->sums[SUM_LESSONS] != NULL)
+        fill(film->sums[SUM_LESSONS], sum_image_values(settings, SUM_LESSONS), seed + SUM_LESSONS);
     for (size_t i = 0; i < values / 3; i++) film->samples[i] = (uint32_t)(seed + i / 64);
     film->counts = (film_counts_t){{seed, 2}, 3, 0, 5, 6};
     uint32_t tiles = job_tile_count(settings);
+    if (job_learns(settings)) { /* as if so many passes had been counted */
+        for (film->settled = 0; film->settled < 4; film->settled++) {
+            schedule_teach(made.schedule);
+            schedule_open_pass(made.schedule);
+        }
+    }
     for (uint32_t t = 0; t < tiles; t += 2) {
-        unit_t unit = {t, t % 3, 4 + (uint32_t)seed % 4};
+        unit_t unit = {t, 4 + t % 3, 1 + (uint32_t)seed % 2};
         must(schedule_accept(made.schedule, &unit, 1));
     }
     made.shared_film = shared_film_new(film);
@@ -138,6 +147,7 @@ static result_t write_film(job_film_t *film, const char *path, int threads)
 static void assert_same_film(const film_t *a, const film_t *b)
 {
     assert_true(same_film(a, b));
+    assert_int_equal(a->settled, b->settled);
     assert_memory_equal(&a->counts, &b->counts, sizeof a->counts);
 }
 
@@ -149,6 +159,7 @@ static void assert_same_state(const schedule_state_t *a, const schedule_state_t 
     assert_int_equal(a->counted_count, b->counted_count);
     assert_int_equal(a->skipped_count, b->skipped_count);
     assert_true(a->issued == b->issued && a->returned == b->returned);
+    assert_int_equal(a->settled, b->settled);
     assert_memory_equal(a->ends, b->ends, cells * sizeof *a->ends);
     assert_memory_equal(a->weights, b->weights, cells * sizeof *a->weights);
     assert_memory_equal(a->counted, b->counted, a->counted_count * sizeof *a->counted);
@@ -193,6 +204,7 @@ static void what_is_written_comes_back(void **state)
     static const int sizes[][2] = {{1, 1}, {33, 17}, {300, 200}, {501, 263}};
     for (size_t i = 0; i < ARRAY_LENGTH(sizes); i++) {
         job_settings_t settings = settings_of(sizes[i][0], sizes[i][1]);
+        settings.learn = i == 2;
         assert_round_trip(&settings, path, 1);
         settings.features = false;
         assert_round_trip(&settings, path, 4);
@@ -229,12 +241,14 @@ static void a_long_schedule_comes_back(void **state)
     (void)state;
     char *folder = scratch_new(), *path = scratch_path(folder, "film");
     job_settings_t settings = settings_of(501, 263);
+    settings.learn = true;
     settings.spp = 1 << 12;
     job_film_t film = make_film(&settings, 5);
     uint32_t tiles = job_tile_count(&settings),
              rounds = 5 * SHARED_FILM_PAGE_BYTES / 4 / sizeof(uint32_t) / tiles;
     size_t units = SHARED_FILM_PAGE_BYTES / sizeof(unit_t);
     schedule_state_t saved = {.round_count = rounds,
+                              .settled = 4,
                               .tile_count = tiles,
                               .ends = noise((size_t)rounds * tiles, 1),
                               .weights = noise((size_t)rounds * tiles, 2),
@@ -493,6 +507,7 @@ static void a_write_that_fails_leaves_the_old_file(void **state)
     (void)state;
     char *folder = scratch_new(), *path = scratch_path(folder, "film");
     job_settings_t settings = settings_of(200, 200);
+    settings.learn = true;
     job_film_t old = make_film(&settings, 1), new = make_film(&settings, 2);
     must(write_film(&old, path, 1));
     struct rlimit before, small;

@@ -428,6 +428,9 @@ static void the_schedule_follows_the_rounds(void **state)
             weight[unit.tile] += unit.count * schedule_weight(schedule, &unit);
             assert_true(job_unit_valid(&settings, &unit));
             assert_int_equal(schedule_accept(schedule, &unit, 1).code, RESULT_OK);
+            if (schedule_next_pass(schedule) == 0) continue;
+            schedule_teach(schedule);
+            schedule_open_pass(schedule);
         }
     }
     assert_true(schedule_done(schedule) <= job_total_samples(&settings));

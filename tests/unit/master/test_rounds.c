@@ -14,6 +14,7 @@ enum { TILES = 6 }; /* 32 x 32 pixels, but the last column is 6 wide and the las
 static job_settings_t small_job(uint32_t spp)
 {
     job_settings_t settings = job_settings_default();
+    settings.learn = false;
     settings.width = 70;
     settings.height = 40;
     settings.spp = spp;

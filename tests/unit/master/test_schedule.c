@@ -12,6 +12,7 @@
 static job_settings_t small_job(uint32_t spp)
 {
     job_settings_t settings = job_settings_default();
+    settings.learn = false;
     settings.width = 70; /* 5 x 3 tiles of 16; the rim is 6 and 8 pixels wide */
     settings.height = 40;
     settings.tile_size = 16;

@@ -49,6 +49,15 @@ static void fill_frame(batch_t *batch, sum_kind_t kind, uint64_t *seed)
             for (size_t c = 0; c < 3; c++) frame[3 * i + c] = (int64_t)draw(seed) >> 8;
 }
 
+/* Lessons of a pass, at most places. */
+static void fill_lessons(batch_t *batch, uint32_t pass, uint64_t *seed)
+{
+    if (sum_planes(&batch->settings, SUM_LESSONS) <= pass) return;
+    int64_t *plane = batch_frame(batch, SUM_LESSONS) + (size_t)pass * LEARNING_PLACES;
+    for (size_t i = 0; i < LEARNING_PLACES; i++)
+        if (draw(seed) % 8 > 0) plane[i] = (int64_t)(draw(seed) % (UINT32_C(1) << 31));
+}
+
 /* Units of every third tile from `start` on, with splats at some of the pixels. */
 static batch_t batch_of(const job_settings_t *settings, uint32_t start, uint32_t first, uint64_t seed)
 {
@@ -63,6 +72,7 @@ static batch_t batch_of(const job_settings_t *settings, uint32_t start, uint32_t
         batch.sums[SUM_GROUP_EYE].values[i] = (int64_t)(draw(&seed) % 1000000) << 10;
     fill_frame(&batch, SUM_SPLAT, &seed);
     fill_frame(&batch, SUM_GROUP_SPLAT, &seed);
+    fill_lessons(&batch, learning_pass(settings, first), &seed);
     return batch;
 }
 
@@ -153,7 +163,7 @@ static void pages_cover_the_film(void **state)
     (void)state;
     for (int all = 0; all < 2; all++) {
         job_settings_t settings = job_of_pages();
-        settings.features = settings.cryptomatte = all;
+        settings.features = settings.cryptomatte = settings.learn = all;
         if (!all) settings.light_groups[0] = '\0';
         film_t *film;
         assert_int_equal(film_new(&settings, &film).code, RESULT_OK);
@@ -166,9 +176,10 @@ static void pages_cover_the_film(void **state)
             sum += size;
         }
         assert_int_equal(ends, all ? FILM_SUMS : 3);
-        size_t groups = 2 * (3 + 3) * 8;
+        size_t groups = 2 * (3 + 3) * 8, lessons = (LEARNING_PASSES - 2) * LEARNING_PLACES * 8;
         assert_int_equal(
-            sum, pixels * (6 * 8 + 6 * 8 + 2 * 4 + (all ? 8 * (FEATURE_VALUES + MATTE_VALUES) + groups : 0)));
+            sum, pixels * (6 * 8 + 6 * 8 + 2 * 4 + (all ? 8 * (FEATURE_VALUES + MATTE_VALUES) + groups : 0)) +
+                     (all ? lessons : 0));
         film_destroy(&film);
     }
 }
@@ -304,6 +315,69 @@ static void damaged_batches_leave_no_trace(void **state)
     film_destroy(&film);
     batch_free(&before);
     batch_free(&batch);
+}
+
+/* Lessons that no sample can add, or of a pass that the batch has no units of. */
+static void wild_lessons_leave_no_trace(void **state)
+{
+    (void)state;
+    job_settings_t settings = job_of_pages();
+    batch_t batch = batch_of(&settings, 0, 4, 3); /* of pass 2 */
+    shared_film_t *shared_film = shared_film_of(&settings);
+    const struct {
+        size_t pass;
+        int64_t value;
+    } wild[] = {{2, -1}, {2, INT64_C(1) << 60}, {2, INT64_MAX}, {0, 1}, {3, 1}, {LEARNING_PASSES - 3, 1}};
+    for (size_t i = 0; i < 2 * ARRAY_LENGTH(wild); i++) {
+        zmq_msg_t payload[BATCH_PAYLOADS];
+        size_t at =
+            (wild[i / 2].pass + 1) * LEARNING_PLACES - 1 - i; /* near the end: much was added before */
+        int64_t value = batch.sums[SUM_LESSONS].values[at];
+        batch.sums[SUM_LESSONS].values[at] = wild[i / 2].value;
+        assert_int_equal(payload_encode(&batch, i % 2, payload).code, RESULT_OK);
+        result_t result = merge_payload(shared_film, payload, &batch, 1);
+        assert_int_equal(result.code, RESULT_PROTOCOL);
+        assert_non_null(strstr(result.message, "lesson"));
+        assert_empty(shared_film);
+        batch.sums[SUM_LESSONS].values[at] = value;
+        close_all(payload);
+    }
+    merge_one(shared_film, &batch, 1);
+    shared_film_destroy(&shared_film);
+    batch_free(&batch);
+}
+
+/* What plans were made of is not changed by what comes or goes later; all else is. */
+static void settled_lessons_stay(void **state)
+{
+    (void)state;
+    job_settings_t settings = job_of_pages();
+    batch_t first = batch_of(&settings, 0, 0, 3), late = batch_of(&settings, 1, 0, 4),
+            next = batch_of(&settings, 0, 4, 5);
+    size_t plane = LEARNING_PLACES * sizeof(int64_t);
+    shared_film_t *shared_film = shared_film_of(&settings);
+    merge_one(shared_film, &first, 1);
+    merge_one(shared_film, &next, 1);
+    shared_film_lock(shared_film);
+    shared_film_settle(shared_film, 1);
+    shared_film_unlock(shared_film);
+    const int64_t *lessons = shared_film_lessons(shared_film);
+    merge_one(shared_film, &late, 1);
+    assert_memory_equal(lessons, first.sums[SUM_LESSONS].values, plane);
+    merge_one(shared_film, &first, -1);
+    assert_memory_equal(lessons, first.sums[SUM_LESSONS].values, plane);
+    assert_memory_equal(lessons + 2 * LEARNING_PLACES, next.sums[SUM_LESSONS].values + 2 * LEARNING_PLACES,
+                        plane);
+    merge_one(shared_film, &next, -1);
+    for (size_t i = 0; i < LEARNING_PLACES; i++) assert_int_equal(lessons[2 * LEARNING_PLACES + i], 0);
+    film_t *expected = film_of(&late, 1); /* else it is as if what was taken out had never been */
+    memcpy(expected->sums[SUM_LESSONS], first.sums[SUM_LESSONS].values, plane);
+    assert_shared_film_is(shared_film, expected);
+    film_destroy(&expected);
+    shared_film_destroy(&shared_film);
+    batch_free(&first);
+    batch_free(&late);
+    batch_free(&next);
 }
 
 /* Limits that the batch is just within, at one value; its bound is the next power of two. */
@@ -580,6 +654,8 @@ int main(void)
         cmocka_unit_test(pages_cover_the_film),
         cmocka_unit_test(merging_makes_the_film),
         cmocka_unit_test(eye_sums_and_samples_are_weighted),
+        cmocka_unit_test(wild_lessons_leave_no_trace),
+        cmocka_unit_test(settled_lessons_stay),
         cmocka_unit_test(damaged_batches_leave_no_trace),
         cmocka_unit_test(values_beyond_limits_leave_no_trace),
         cmocka_unit_test(limits_grow_with_samples),

@@ -21,6 +21,7 @@ static job_settings_t settings_of(const char *groups)
     job_settings_t settings = job_settings_default();
     settings.width = settings.height = 64;
     settings.spp = 64;
+    settings.learn = false; /* its payload is the last one */
     strcpy(settings.light_groups, groups);
     return settings;
 }

@@ -76,6 +76,15 @@ static void fill_frame(batch_t *batch, sum_kind_t kind, int occupancy, uint64_t 
     }
 }
 
+/* Lessons of some passes, at about `occupancy` of 256 places. */
+static void fill_lessons(batch_t *batch, int occupancy, uint64_t *seed)
+{
+    int64_t *frame = batch_frame(batch, SUM_LESSONS);
+    for (size_t i = 0; i < batch->sums[SUM_LESSONS].count; i++)
+        if (i / LEARNING_PLACES % 3 == 0 && (int)(draw(seed) % 256) < occupancy)
+            frame[i] = (int64_t)draw(seed) >> 40;
+}
+
 /* A batch of every second tile, with values of all kinds (every fourth without features), and splats at about
  * `occupancy` of 256 pixels, or no splat frame when it is negative. */
 static batch_t batch_of(const job_settings_t *settings, int occupancy, uint64_t seed)
@@ -102,6 +111,7 @@ static batch_t batch_of(const job_settings_t *settings, int occupancy, uint64_t 
     fill_mattes(&batch, &seed);
     if (settings->light_groups[0] != '\0') fill_groups(&batch, &seed);
     if (occupancy < 0) return batch;
+    if (settings->learn) fill_lessons(&batch, occupancy, &seed);
     fill_frame(&batch, SUM_SPLAT, occupancy, &seed);
     if (settings->light_groups[0] != '\0') fill_frame(&batch, SUM_GROUP_SPLAT, occupancy, &seed);
     return batch;
@@ -170,12 +180,15 @@ static void messages_have_the_payloads_that_their_job_needs(void **state)
 {
     (void)state;
     job_settings_t settings = settings_of(64, 64);
+    settings.learn = false;
     assert_int_equal(count_of(&settings), 3);
     settings.features = false;
     assert_int_equal(count_of(&settings), 3); /* the last one is empty */
     settings.cryptomatte = true;
     assert_int_equal(count_of(&settings), SUM_MATTES + 1);
     strcpy(settings.light_groups, "a=1,rest");
+    assert_int_equal(count_of(&settings), SUM_GROUP_SPLAT + 1);
+    settings.learn = true;
     assert_int_equal(count_of(&settings), BATCH_PAYLOADS);
 }
 

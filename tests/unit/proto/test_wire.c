@@ -610,6 +610,50 @@ static void the_largest_frame_fits_encrypted(void **state)
     zmq_ctx_term(context);
 }
 
+/* ---- plans --------------------------------------------------------------------------------------------- */
+
+static void plans_come_back_by_pass(void **state)
+{
+    (void)state;
+    job_settings_t settings = job_settings_default();
+    const unit_t units[] = {{0, 0, 2}, {1, 4, 4}, {2, 8, 3}};
+    hash_t plans[LEARNING_PASSES] = {[2] = hash_bytes("two", 3), [3] = hash_bytes("three", 5)};
+    hash_t got[LEARNING_PASSES];
+    size_t count;
+    Lm__Plan **messages = wire_plans_new(plans, &count);
+    assert_int_equal(count, 2);
+    assert_int_equal(wire_plans_get(messages, count, &settings, units, 3, got).code, RESULT_OK);
+    assert_memory_equal(got, plans, sizeof plans);
+    assert_int_equal(wire_plans_get(messages, 1, &settings, units, 3, got).code, RESULT_PROTOCOL);
+    assert_int_equal(wire_plans_get(messages, 1, &settings, units, 2, got).code, RESULT_OK);
+    const unit_t crosses = {0, 7, 2};
+    assert_int_equal(wire_plans_get(messages, count, &settings, &crosses, 1, got).code, RESULT_PROTOCOL);
+    messages[1]->pass = 1; /* which has none */
+    assert_int_equal(wire_plans_get(messages, count, &settings, units, 2, got).code, RESULT_PROTOCOL);
+    messages[1]->pass = LEARNING_PASSES;
+    assert_int_equal(wire_plans_get(messages, count, &settings, units, 2, got).code, RESULT_PROTOCOL);
+    messages[1]->pass = 3;
+    messages[1]->blob.len--;
+    assert_int_equal(wire_plans_get(messages, count, &settings, units, 2, got).code, RESULT_PROTOCOL);
+    settings.learn = false; /* then units are of any samples */
+    assert_int_equal(wire_plans_get(NULL, 0, &settings, &crosses, 1, got).code, RESULT_OK);
+    free(messages);
+}
+
+/* An older client or master knows nothing of it. */
+static void a_message_without_it_does_not_learn(void **state)
+{
+    (void)state;
+    job_settings_t settings = job_settings_default(), got;
+    Lm__Settings message = LM__SETTINGS__INIT;
+    wire_settings_put(&settings, &message);
+    assert_int_equal(wire_settings_get(&message, &got).code, RESULT_OK);
+    assert_true(got.learn);
+    message.learn = ((Lm__Settings)LM__SETTINGS__INIT).learn;
+    assert_int_equal(wire_settings_get(&message, &got).code, RESULT_OK);
+    assert_false(got.learn);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -629,6 +673,8 @@ int main(void)
         cmocka_unit_test(the_largest_frame_fits_encrypted),
         cmocka_unit_test(the_checksum_is_crc_32c),
         cmocka_unit_test(settings_units_and_counts_are_checked),
+        cmocka_unit_test(plans_come_back_by_pass),
+        cmocka_unit_test(a_message_without_it_does_not_learn),
     };
     return cmocka_run_group_tests_name("wire", tests, NULL, NULL);
 }

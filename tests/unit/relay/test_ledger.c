@@ -14,6 +14,7 @@ enum { ROOM = 64, ALICE = 1, BOB = 2 };
 static ledger_t ledger_of(void)
 {
     job_settings_t settings = job_settings_default();
+    settings.learn = false;
     ledger_t ledger;
     settings.width = settings.height = 64;
     settings.tile_size = 32;

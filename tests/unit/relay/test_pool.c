@@ -29,6 +29,7 @@ typedef struct {
     unit_t *units;     /* of the last assignment to one, */
     issue_t *issues;   /* and how they were issued */
     int bulk_wake;
+    hash_t plans[LEARNING_PASSES]; /* of what was taken last */
 } test_t;
 
 static uint64_t hello_from(test_t *t, const char *name, const char *address)
@@ -62,6 +63,7 @@ static int set_up(void **state)
     t->handler = pool_uplink(t->pool);
     t->serve = pool_serve(t->pool);
     t->settings = job_settings_default();
+    t->settings.learn = false;
     t->settings.width = t->settings.height = 64;
     t->blob = hash_bytes("blob", 4);
     t->units = mem_alloc(WIRE_MAX_UNITS * sizeof *t->units);
@@ -91,8 +93,8 @@ static uint64_t master_mac(const unit_t *unit)
     return ((uint64_t)unit->tile << 40 ^ (uint64_t)unit->first << 20 ^ unit->count) + 1;
 }
 
-static void assign_job(test_t *t, uint64_t job, const hash_t *blob, uint64_t blob_size, const unit_t *units,
-                       size_t count)
+static void assign_by_plans(test_t *t, uint64_t job, const hash_t *blob, uint64_t blob_size,
+                            const unit_t *units, size_t count, const hash_t plans[LEARNING_PASSES])
 {
     assignment_t assignment = {.job = job,
                                .settings = t->settings,
@@ -105,7 +107,14 @@ static void assign_job(test_t *t, uint64_t job, const hash_t *blob, uint64_t blo
     assignment.units = memcpy(memory, units, count * sizeof *units);
     assignment.macs = memory + 2 * count;
     for (size_t i = 0; i < count; i++) assignment.macs[i] = master_mac(&units[i]);
+    memcpy(assignment.plans, plans, sizeof assignment.plans);
     t->handler.calls->assign(t->handler.self, &assignment);
+}
+
+static void assign_job(test_t *t, uint64_t job, const hash_t *blob, uint64_t blob_size, const unit_t *units,
+                       size_t count)
+{
+    assign_by_plans(t, job, blob, blob_size, units, count, (hash_t[LEARNING_PASSES]){{{0}}});
 }
 
 static void assign(test_t *t, const unit_t *units, size_t count)
@@ -140,6 +149,7 @@ static size_t take(test_t *t, double now, uint64_t worker, uint64_t samples)
     work_request_t request = {.worker = worker, .samples = samples, .unit_samples = 1};
     work_t work = {.units = t->units, .issues = t->issues};
     assert_int_equal(t->serve.calls->take(t->pool, now, &identity, &request, &work).code, RESULT_OK);
+    memcpy(t->plans, work.plans, sizeof t->plans);
     return work.job != 0 ? work.unit_count : 0;
 }
 
@@ -555,6 +565,72 @@ static void requests_for_a_scene_do_not_pile_up(void **state)
     close_uplink(&up);
 }
 
+/* ---- plans --------------------------------------------------------------------------------------------- */
+
+static void units_are_lent_when_their_plan_is_here(void **state)
+{
+    test_t *t = *state;
+    enum { PASS = 2 };
+    const unit_t units[] = {{0, 4, 4}, {1, 2, 2}};
+    t->settings.learn = true;
+    size_t size = learning_plan_bytes(PASS);
+    uint8_t *bytes = mem_alloc(size), *got = mem_alloc(size);
+    int64_t *lessons = mem_zalloc(LEARNING_PLACES, sizeof *lessons);
+    hash_t content = job_content_hash(&t->settings, &t->blob), plans[LEARNING_PASSES] = {{{0}}};
+    learning_plan_write(&(learning_plan_t){PASS, 1, lessons}, &content, bytes);
+    plans[PASS] = hash_bytes(bytes, size);
+    assign_by_plans(t, JOB, &t->blob, 4, units, 2, plans);
+    duty_t duty = duty_of(t);
+    assert_int_equal(duty.kind, DUTY_PLAN);
+    assert_int_equal(duty.pass, PASS);
+    assert_int_equal(duty_of(t).kind, DUTY_LOAD); /* they take turns */
+    assert_int_equal(load(t, &t->blob).code, RESULT_OK);
+    assert_int_equal(take(t, 0, t->ada, 1 << 20), 1);
+    assert_int_equal(t->units[0].tile, 1);
+    assert_true(hash_is_zero(&t->plans[PASS]));
+    assert_int_equal(take(t, 0, t->bob, 1 << 20), 0);
+    uint64_t there;
+    assert_int_equal(t->serve.calls->blob_size(t->pool, &plans[PASS], &there).code, RESULT_INPUT);
+    assert_int_equal(t->handler.calls->planned(t->handler.self, &duty.assignment, PASS, bytes, size - 1).code,
+                     RESULT_INPUT);
+    assert_int_equal(take(t, 0, t->bob, 1 << 20), 0);
+    assert_int_equal(t->handler.calls->planned(t->handler.self, &duty.assignment, PASS, bytes, size).code,
+                     RESULT_OK);
+    assert_int_equal(take(t, 0, t->bob, 1 << 20), 1);
+    assert_int_equal(t->units[0].tile, 0);
+    assert_true(hash_equal(&t->plans[PASS], &plans[PASS]));
+    assert_int_equal(t->serve.calls->blob_size(t->pool, &plans[PASS], &there).code, RESULT_OK);
+    assert_int_equal(there, size);
+    assert_int_equal(t->serve.calls->blob_read(t->pool, &plans[PASS], 3, got, size - 3).code, RESULT_OK);
+    assert_memory_equal(got, bytes + 3, size - 3);
+    assert_int_not_equal(duty_of(t).kind, DUTY_PLAN);
+    free(lessons);
+    free(bytes);
+    free(got);
+}
+
+/* The master refuses a sum whole for what it would refuse of one worker. */
+static void wild_lessons_stay_out_of_sums(void **state)
+{
+    test_t *t = *state;
+    const unit_t unit = {0, 0, 2};
+    t->settings.learn = true;
+    begin(t, &unit, 1);
+    assert_int_equal(take(t, 0, t->ada, 1 << 20), 1);
+    batch_t batch = peer_render(&t->settings, &unit, 1);
+    batch_frame(&batch, SUM_LESSONS)[LEARNING_PLACES + 7] = 1; /* of a pass that it has no unit of */
+    result_t result = deliver(t, t->ada, &batch);
+    assert_int_equal(result.code, RESULT_PROTOCOL);
+    assert_non_null(strstr(result.message, "lesson"));
+    assert_int_equal(duty_of(t).kind, DUTY_NONE);
+    batch_frame(&batch, SUM_LESSONS)[LEARNING_PLACES + 7] = 0;
+    batch_frame(&batch, SUM_LESSONS)[7] = 1;
+    assert_int_equal(take(t, 0, t->ada, 1 << 20), 1); /* it went to whoever asks */
+    assert_int_equal(deliver(t, t->ada, &batch).code, RESULT_OK);
+    assert_int_equal(duty_of(t).kind, DUTY_OFFER);
+    batch_free(&batch);
+}
+
 int main(void)
 {
 #define POOL(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
@@ -571,6 +647,8 @@ int main(void)
         POOL(sums_and_scenes_take_turns),
         POOL(a_sum_does_not_wait_for_a_scene),
         POOL(requests_for_a_scene_do_not_pile_up),
+        POOL(units_are_lent_when_their_plan_is_here),
+        POOL(wild_lessons_stay_out_of_sums),
     };
     return cmocka_run_group_tests_name("pool", tests, NULL, NULL);
 }

@@ -70,6 +70,7 @@ static int set_up(void **state)
     test_scene_room(&t->scene, (vec3_t){-1, -1, -1}, (vec3_t){1, 1, 1}, grey, (rgb_t){0.2f, 0.2f, 0.2f});
     test_scene_finish(&t->scene);
     job_settings_t settings = blob_default_settings(&t->scene.blob);
+    settings.learn = false; /* its units are of any samples */
     settings.spp = 1 << 20;
     settings.tile_size = 32;
     settings.max_depth = 3;

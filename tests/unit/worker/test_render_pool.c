@@ -58,6 +58,7 @@ static int set_up(void **state)
     test_scene_room(&b->scene, (vec3_t){-1, -1, -1}, (vec3_t){1, 1, 1}, grey, (rgb_t){0.2f, 0.2f, 0.2f});
     test_scene_finish(&b->scene);
     b->settings = blob_default_settings(&b->scene.blob);
+    b->settings.learn = false;
     b->settings.spp = 1024;
     b->settings.tile_size = 32;
     b->settings.max_depth = 3;
@@ -96,7 +97,8 @@ static void check_issues(const unit_t *units, const issue_t *issues, size_t coun
     }
 }
 
-static void assign_check(bench_t *b, uint64_t job, uint64_t check, const unit_t *units, size_t count)
+static void assign_by_plans(bench_t *b, uint64_t job, uint64_t check, const unit_t *units, size_t count,
+                            const hash_t plans[LEARNING_PASSES])
 {
     assignment_t assignment = {.job = job,
                                .check = check,
@@ -110,7 +112,13 @@ static void assign_check(bench_t *b, uint64_t job, uint64_t check, const unit_t 
     assignment.units = memcpy(memory, units, count * sizeof *units);
     assignment.macs = memory + 2 * count;
     for (size_t i = 0; i < count; i++) assignment.macs[i] = mac_of(&units[i], check);
+    memcpy(assignment.plans, plans, sizeof assignment.plans);
     b->handler.calls->assign(b->handler.self, &assignment);
+}
+
+static void assign_check(bench_t *b, uint64_t job, uint64_t check, const unit_t *units, size_t count)
+{
+    assign_by_plans(b, job, check, units, count, (hash_t[LEARNING_PASSES]){{{0}}});
 }
 
 static void assign(bench_t *b, const unit_t *units, size_t count)
@@ -679,6 +687,126 @@ static void a_job_that_memory_is_missing_for_is_declined(void **state)
     assert_int_equal(duty_of(b, NEVER).kind, DUTY_LOAD);
 }
 
+/* ---- plans --------------------------------------------------------------------------------------------- */
+
+enum { PLANNED = 2 }; /* the pass of units from sample 4 on */
+
+/* The bytes of a plan of the job, in fresh memory; *hash is theirs. */
+static uint8_t *plan_of(const job_settings_t *settings, const hash_t *blob, uint32_t pass, hash_t *hash)
+{
+    uint8_t *bytes = mem_alloc(learning_plan_bytes(pass));
+    int64_t *lessons = mem_zalloc((size_t)learning_teachers(pass) * LEARNING_PLACES, sizeof *lessons);
+    hash_t content = job_content_hash(settings, blob);
+    learning_plan_write(&(learning_plan_t){pass, learning_teachers(pass), lessons}, &content, bytes);
+    *hash = hash_bytes(bytes, learning_plan_bytes(pass));
+    free(lessons);
+    return bytes;
+}
+
+static result_t bring_plan(bench_t *b, const duty_t *duty, const uint8_t *bytes, size_t size)
+{
+    assert_int_equal(duty->kind, DUTY_PLAN);
+    return b->handler.calls->planned(b->handler.self, &duty->assignment, duty->pass, bytes, size);
+}
+
+static void expect_no_plan(bench_t *b, const duty_t *duty, const uint8_t *bytes, size_t size, const char *why)
+{
+    result_t result = bring_plan(b, duty, bytes, size);
+    assert_true(result.code == RESULT_INPUT || result.code == RESULT_MISMATCH);
+    if (strstr(result.message, why) == NULL) fail_msg("'%s' does not say '%s'", result.message, why);
+}
+
+static void units_wait_for_their_plan(void **state)
+{
+    bench_t *b = *state;
+    const unit_t units[] = {{0, 4, 4}, {1, 0, 2}};
+    b->settings.learn = true;
+    hash_t plans[LEARNING_PASSES] = {{{0}}}, hash;
+    uint8_t *bytes = plan_of(&b->settings, &b->scene.blob.hash, PLANNED, &plans[PLANNED]);
+    size_t size = learning_plan_bytes(PLANNED);
+    assign_by_plans(b, JOB, 0, units, 2, plans);
+    load(b, JOB);
+    await_rendered(b, 1); /* the other one */
+    duty_t duty = duty_of(b, NEVER);
+    assert_int_equal(duty.pass, PLANNED);
+    assert_true(hash_equal(&duty.assignment.plans[PLANNED], &plans[PLANNED]));
+    job_settings_t other_settings = b->settings;
+    other_settings.seed++;
+    uint8_t *other = plan_of(&other_settings, &b->scene.blob.hash, PLANNED, &hash);
+    uint8_t *third = plan_of(&b->settings, &b->scene.blob.hash, PLANNED + 1, &hash);
+    expect_no_plan(b, &duty, bytes, size - 1, "pass 2 with");
+    expect_no_plan(b, &duty, other, size, "another job");
+    expect_no_plan(b, &duty, third, learning_plan_bytes(PLANNED + 1), "pass 3");
+    sleep_briefly();
+    await_rendered(b, 1);
+    assert_int_equal(bring_plan(b, &duty, bytes, size).code, RESULT_OK);
+    await_rendered(b, 2);
+    duty = await_duty(b, DUTY_OFFER, AT_ONCE);
+    closed_batch_t closed = close_offer(b, &duty);
+    assert_int_equal(closed.batch->unit_count, 2);
+    sent(b, &closed);
+    free(bytes);
+    free(other);
+    free(third);
+}
+
+/* A plan that does not come keeps no batch from being sent. */
+static void batches_and_plans_take_turns(void **state)
+{
+    bench_t *b = *state;
+    const unit_t units[] = {{0, 4, 4}, {1, 0, 2}};
+    b->settings.learn = true;
+    hash_t plans[LEARNING_PASSES] = {[PLANNED] = hash_bytes("plan", 4)};
+    assign_by_plans(b, JOB, 0, units, 2, plans);
+    load(b, JOB);
+    await_rendered(b, 1);
+    assert_int_equal(duty_of(b, AT_ONCE).kind, DUTY_PLAN);
+    assert_int_equal(duty_of(b, AT_ONCE).kind, DUTY_OFFER);
+    assert_int_equal(duty_of(b, AT_ONCE).kind, DUTY_PLAN);
+    assert_int_equal(duty_of(b, NEVER).kind, DUTY_PLAN);
+    b->handler.calls->forget(b->handler.self); /* nobody waits for it any more */
+    assert_int_equal(duty_of(b, AT_ONCE).kind, DUTY_OFFER);
+    assert_int_equal(duty_of(b, NEVER).kind, DUTY_OFFER);
+}
+
+/* A check may be of any pass. */
+static void a_check_waits_for_its_plan(void **state)
+{
+    bench_t *b = *state;
+    const unit_t checked[] = {{0, 0, 2}, {0, 4, 4}};
+    b->settings.learn = true;
+    hash_t plans[LEARNING_PASSES] = {{{0}}};
+    uint8_t *bytes = plan_of(&b->settings, &b->scene.blob.hash, PLANNED, &plans[PLANNED]);
+    assign_by_plans(b, JOB, 9, checked, 2, plans);
+    load(b, JOB);
+    duty_t duty = await_duty(b, DUTY_PLAN, AT_ONCE);
+    assert_int_equal(bring_plan(b, &duty, bytes, learning_plan_bytes(PLANNED)).code, RESULT_OK);
+    duty = await_duty(b, DUTY_OFFER, AT_ONCE);
+    assert_int_equal(duty.offer.check, 9);
+    closed_batch_t closed = close_offer(b, &duty);
+    assert_int_equal(closed.batch->unit_count, 2);
+    sent(b, &closed);
+    free(bytes);
+}
+
+/* A master that lost some of a job may go by another plan: nothing of the two is mixed. */
+static void another_plan_makes_another_job(void **state)
+{
+    bench_t *b = *state;
+    const unit_t units[] = {{0, 4, 4}, {1, 4, 4}};
+    b->settings.learn = true;
+    hash_t plans[LEARNING_PASSES] = {[PLANNED] = hash_bytes("one", 3)};
+    assign_by_plans(b, JOB, 0, units, 1, plans);
+    load(b, JOB);
+    assert_int_equal(await_duty(b, DUTY_PLAN, NEVER).pass, PLANNED);
+    plans[PLANNED] = hash_bytes("another", 7);
+    assign_by_plans(b, JOB, 0, units + 1, 1, plans);
+    assert_int_equal(await_duty(b, DUTY_LOAD, NEVER).assignment.job, JOB);
+    load(b, JOB);
+    duty_t duty = await_duty(b, DUTY_PLAN, NEVER);
+    assert_true(hash_equal(&duty.assignment.plans[PLANNED], &plans[PLANNED]));
+}
+
 int main(void)
 {
 #define WITH_FIXTURE(test) cmocka_unit_test_setup_teardown(test, set_up, tear_down)
@@ -702,6 +830,10 @@ int main(void)
         WITH_FIXTURE(a_scene_that_cannot_be_loaded_is_declined),
         WITH_FIXTURE(a_slow_link_bounds_what_is_in_hand),
         WITH_FIXTURE(a_job_that_memory_is_missing_for_is_declined),
+        WITH_FIXTURE(units_wait_for_their_plan),
+        WITH_FIXTURE(batches_and_plans_take_turns),
+        WITH_FIXTURE(a_check_waits_for_its_plan),
+        WITH_FIXTURE(another_plan_makes_another_job),
     };
     return cmocka_run_group_tests_name("render_pool", tests, NULL, NULL);
 }

@@ -1,5 +1,5 @@
 /* totals: see totals.h. */
-#include "master/farm/totals.h"
+#include "master/http/totals.h"
 
 #include <math.h>
 #include <stdlib.h>
