@@ -30,7 +30,8 @@ worker/render/material      : worker/render/tabulated worker/render/scene
 worker/render/camera        : worker/render/scene
 worker/render/light         : worker/render/scene
 worker/render/integrator    : worker/render/material worker/render/camera worker/render/light common/film
-worker/render               : worker/render/integrator
+worker/render/plan          : worker/render/integrator
+worker/render               : worker/render/plan
 worker                      : worker/render proto/uplink
 master/schedule             : common/film
 master/film                 : proto/wire

@@ -30,7 +30,8 @@ static char *folder;
 #define QUAD                                                                                                 \
     "\"integer indices\" [0 1 2 0 2 3] \"point3 P\" [-0.5 1.4 -0.5 0.5 1.6 -0.5 0.5 1.5 0.7 -0.5 1.4 0.5]"
 #define TWO_QUADS                                                                                            \
-    "Shape \"trianglemesh\" " QUAD "\nTranslate 0.4 0.1 -0.2\nRotate 10 1 0 1\nShape \"trianglemesh\" " QUAD "\n" \
+    "Shape \"trianglemesh\" " QUAD "\nTranslate 0.4 0.1 -0.2\nRotate 10 1 0 1\nShape \"trianglemesh\" " QUAD \
+    "\n"                                                                                                     \
     "Translate -0.3 0.1 0.3\n"
 #define PLACE "Translate 0.2 1.1 0.1\nRotate 70 1 0.3 0.2\n"
 #define STRETCH "Scale 0.5 0.3 0.8\n"
@@ -115,7 +116,8 @@ static const light_case_t lights_of[] = {
     {"mesh of many triangles",
      V3(AREA3("\"bool twosided\" [\"true\"]") "Shape \"loopsubdiv\" \"integer levels\" [3] " QUAD "\n"),
      FOUND_BY_LOOKING},
-    {"more than are asked", V3(AREA3("") TWO_QUADS TWO_QUADS TWO_QUADS TWO_QUADS TWO_QUADS), FOUND_BY_LOOKING},
+    {"more than are asked", V3(AREA3("") TWO_QUADS TWO_QUADS TWO_QUADS TWO_QUADS TWO_QUADS),
+     FOUND_BY_LOOKING},
     {"point", V3("LightSource \"point\" \"point from\" [0.3 1.2 0.2]\n"), 0},
     {"spot of v3",
      V3("LightSource \"spot\" \"point from\" [0.3 1.2 0.2] \"point to\" [0.1 0 0.2] \"float coneangle\" [25] "
@@ -206,7 +208,14 @@ static vec3_t point_of_disc(vec2_t u)
 typedef struct {
     scene_t *scene;
     lights_t *lights;
+    float share; /* of the draws that trace a light subpath */
 } lit_t;
+
+/* How often light subpaths start at the place for once that it is drawn. */
+static double starts(const light_view_t *view)
+{
+    return (double)(view->pdf_place / view->density);
+}
 
 /* Draws places: s = 1. */
 static void by_places(const lit_t *lit, uint32_t i, tally_t *tally)
@@ -222,16 +231,16 @@ static void by_places(const lit_t *lit, uint32_t i, tally_t *tally)
         assert_true(view.pdf_place > 0 && view.geometry > 0 && view.arrival >= 0);
         assert_float_equal(v_length(view.w), 1, 1e-5f);
         float cos = v_dot(view.w, normal());
-        double factor = (double)(float_max(cos, 0) * view.geometry / view.pdf_place);
+        double factor = (double)(float_max(cos, 0) * view.geometry / view.density);
         add(tally, IRRADIANCE_RED, factor * (double)view.radiance.x);
         add(tally, IRRADIANCE_BLUE, factor * (double)view.radiance.z);
-        add(tally, CROSSINGS, (double)(view.arrival * fabsf(cos) * disc_area()));
+        add(tally, CROSSINGS, (double)(view.arrival * fabsf(cos) * disc_area()) * starts(&view));
     }
     if (!lights_illuminate(lit->lights, centre, choice, place, &view) ||
         scene_occluded(lit->scene, centre, view.target, 0, false))
         return;
-    add(tally, FIRST_PLACE + cell_of(view.w), (double)view.geometry);
-    add(tally, FIRST_RAY + cell_of(view.w), (double)view.arrival);
+    add(tally, FIRST_PLACE + cell_of(view.w), (double)view.geometry * starts(&view));
+    add(tally, FIRST_RAY + cell_of(view.w), (double)view.arrival * starts(&view));
 }
 
 /* Draws the places that a first vertex is joined to: s = 1 with t = 2. */
@@ -249,7 +258,7 @@ static void by_first_places(const lit_t *lit, uint32_t i, tally_t *tally)
         if (k == 0 || lights_are_all_asked(lit->lights)) place = sampler_2d(&sampler);
         if (lights_illuminate_first(lit->lights, k, point, choice, place, &view) &&
             !scene_occluded(lit->scene, point, view.target, 0, false)) {
-            float ratio = lights_first_ratio(lit->lights, view.light);
+            float ratio = view.view_ratio * lights_first_times(lit->lights, view.light);
             assert_float_equal(view.density, view.pdf_place * ratio, 1e-5f * view.density);
             float factor = float_max(v_dot(view.w, normal()), 0) * view.geometry / view.density;
             red += (double)(factor * view.radiance.x);
@@ -257,8 +266,7 @@ static void by_first_places(const lit_t *lit, uint32_t i, tally_t *tally)
         }
         if (lights_illuminate_first(lit->lights, k, centre, choice, place, &view) &&
             !scene_occluded(lit->scene, centre, view.target, 0, false))
-            places[cell_of(view.w)] +=
-                (double)(view.geometry / lights_first_ratio(lit->lights, view.light));
+            places[cell_of(view.w)] += (double)view.geometry * starts(&view);
     }
     add(tally, IRRADIANCE_RED, red);
     add(tally, IRRADIANCE_BLUE, blue);
@@ -273,6 +281,7 @@ static void by_rays(const lit_t *lit, uint32_t i, tally_t *tally)
     vec2_t place = sampler_2d(&sampler);
     light_ray_t ray;
     tally->draws++;
+    if (sampler_2d(&(sampler_t){.sample_key = sampler.sample_key, .dimension = 9}).x >= lit->share) return;
     if (!lights_emit(lit->lights, choice, place, sampler_2d(&sampler), &ray)) return;
     assert_true(ray.pdf_place > 0 && ray.pdf_ray > 0);
     assert_float_equal(v_length(ray.direction), 1, 1e-5f);
@@ -361,51 +370,74 @@ static bool compare(const char *name, const char *ways, const tally_t *a, const 
     return holds;
 }
 
-static bool check(const light_case_t *c)
+static bool check_ways(const char *name, int flags, const lit_t *lit)
 {
     enum { PLACES = 100000, RAYS = 300000, LOOKS = 200000 };
-    char *path = scratch_path(folder, "scene.pbrt");
+    tally_t *tallies = mem_zalloc(4, sizeof *tallies);
+    for (uint32_t i = 0; i < PLACES; i++) by_places(lit, i, &tallies[0]);
+    for (uint32_t i = 0; i < PLACES; i++) by_first_places(lit, i, &tallies[3]);
+    for (uint32_t i = 0; i < RAYS; i++) by_rays(lit, i, &tallies[1]);
+    bool holds = tallies[0].sum[IRRADIANCE_RED] > 0;
+    if (!holds) print_message("%s: no light\n", name);
+    for (int q = IRRADIANCE_RED; q <= CROSSINGS; q++)
+        holds = compare(name, "places and rays", &tallies[0], &tallies[1], q, q) && holds;
+    for (int q = IRRADIANCE_RED; q <= IRRADIANCE_BLUE; q++)
+        holds = compare(name, "places and first places", &tallies[0], &tallies[3], q, q) && holds;
+    holds =
+        compare(name, "densities of first places", &tallies[0], &tallies[3], FIRST_PLACE, FIRST_RAY - 1) &&
+        holds;
+    const tally_t *a = &tallies[0], *b = &tallies[2];
+    if (flags & FOUND_BY_LOOKING) {
+        for (uint32_t i = 0; i < LOOKS; i++) by_looking(lit, i, &tallies[2]);
+        holds = compare(name, "places and looks", a, b, IRRADIANCE_RED, IRRADIANCE_RED) && holds;
+        holds = compare(name, "places and looks", a, b, IRRADIANCE_BLUE, IRRADIANCE_BLUE) && holds;
+    }
+    if (flags == FOUND_BY_LOOKING) {
+        holds = compare(name, "densities of places", a, b, FIRST_PLACE, FIRST_RAY - 1) && holds;
+        holds = compare(name, "densities of rays", a, b, FIRST_RAY, QUANTITIES - 1) && holds;
+    }
+    double unused;
+    print_message("%-40s irradiance %.4f %.4f\n", name, mean_of(&tallies[0], IRRADIANCE_RED, &unused),
+                  mean_of(&tallies[1], IRRADIANCE_RED, &unused));
+    free(tallies);
+    return holds;
+}
+
+/* The lights with guides by lessons that nobody gave: whatever was learned, the ways agree. */
+static lit_t guide(const lit_t *lit)
+{
+    enum { ROOM = 28000 };
+    double *lessons = mem_alloc(ROOM * sizeof *lessons);
+    for (uint32_t i = 0; i < ROOM; i++) {
+        double u = (double)(sampler_mix(i + 1) >> 11) * 0x1p-53;
+        lessons[i] = u < 0.3 ? 0 : u * u * u;
+    }
+    lit_t guided = *lit;
+    lights_learn(lit->lights, ROOM);
+    guided.lights = lights_guided(lit->lights, lessons, 100, 0, 0.6, &guided.share);
+    assert_float_equal(guided.share, 0.6f, 1e-6f);
+    free(lessons);
+    return guided;
+}
+
+static bool check(const light_case_t *c)
+{
+    char *path = scratch_path(folder, "scene.pbrt"), guided_name[100];
     scratch_write(path, c->text, strlen(c->text));
     uint8_t *bytes;
     uint64_t size;
     scene_blob_t blob;
-    lit_t lit;
+    lit_t lit = {.share = 1};
     result_t made = import_scene_blob(path, NULL, &bytes, &size);
     if (made.code != RESULT_OK) fail_msg("%s: %s", c->name, made.message);
     assert_int_equal(blob_open(bytes, size, &blob).code, RESULT_OK);
     assert_int_equal(scene_new(&blob, &lit.scene).code, RESULT_OK);
     lit.lights = lights_new(lit.scene);
-    tally_t *tallies = mem_zalloc(4, sizeof *tallies);
-    for (uint32_t i = 0; i < PLACES; i++) by_places(&lit, i, &tallies[0]);
-    for (uint32_t i = 0; i < PLACES; i++) by_first_places(&lit, i, &tallies[3]);
-    for (uint32_t i = 0; i < RAYS; i++) by_rays(&lit, i, &tallies[1]);
-    bool holds = tallies[0].sum[IRRADIANCE_RED] > 0;
-    if (!holds) print_message("%s: no light\n", c->name);
-    holds = compare(c->name, "places and rays", &tallies[0], &tallies[1], IRRADIANCE_RED, IRRADIANCE_RED) &&
-            holds;
-    holds = compare(c->name, "places and rays", &tallies[0], &tallies[1], IRRADIANCE_BLUE, IRRADIANCE_BLUE) &&
-            holds;
-    holds = compare(c->name, "places and rays", &tallies[0], &tallies[1], CROSSINGS, CROSSINGS) && holds;
-    for (int q = IRRADIANCE_RED; q <= IRRADIANCE_BLUE; q++)
-        holds = compare(c->name, "places and first places", &tallies[0], &tallies[3], q, q) && holds;
-    holds = compare(c->name, "densities of first places", &tallies[0], &tallies[3], FIRST_PLACE,
-                    FIRST_RAY - 1) &&
-            holds;
-    if (c->flags & FOUND_BY_LOOKING) {
-        for (uint32_t i = 0; i < LOOKS; i++) by_looking(&lit, i, &tallies[2]);
-        const tally_t *a = &tallies[0], *b = &tallies[2];
-        holds = compare(c->name, "places and looks", a, b, IRRADIANCE_RED, IRRADIANCE_RED) && holds;
-        holds = compare(c->name, "places and looks", a, b, IRRADIANCE_BLUE, IRRADIANCE_BLUE) && holds;
-    }
-    if (c->flags == FOUND_BY_LOOKING) {
-        const tally_t *a = &tallies[0], *b = &tallies[2];
-        holds = compare(c->name, "densities of places", a, b, FIRST_PLACE, FIRST_RAY - 1) && holds;
-        holds = compare(c->name, "densities of rays", a, b, FIRST_RAY, QUANTITIES - 1) && holds;
-    }
-    double unused;
-    print_message("%-40s irradiance %.4f %.4f\n", c->name, mean_of(&tallies[0], IRRADIANCE_RED, &unused),
-                  mean_of(&tallies[1], IRRADIANCE_RED, &unused));
-    free(tallies);
+    bool holds = check_ways(c->name, c->flags, &lit);
+    lit_t guided = guide(&lit);
+    snprintf(guided_name, sizeof guided_name, "%s, guided", c->name);
+    holds = check_ways(guided_name, c->flags, &guided) && holds;
+    lights_destroy(&guided.lights);
     lights_destroy(&lit.lights);
     scene_destroy(&lit.scene);
     free(bytes);

@@ -312,6 +312,7 @@ result_t renderer_fingerprint(hash_t *hash)
         job_settings_t settings = blob_default_settings(&blob);
         settings.width = settings.height = settings.tile_size = RESOLUTION;
         settings.spp = SAMPLES;
+        settings.learn = false; /* all samples are one unit */
         result = renderer_new(&blob, &settings, &renderer);
         if (result.code == RESULT_OK) {
             chain_t chain = {{{0}}, {{0}}};

@@ -1,7 +1,8 @@
 /* renderer: units over integrators (see renderer.h). */
 #include "worker/render/renderer.h"
 
-#include "worker/render/integrator/integrator.h"
+#include "worker/render/integrator/lessons.h"
+#include "worker/render/plan/plan.h"
 
 #include <pmmintrin.h>
 #include <stdlib.h>
@@ -14,6 +15,9 @@ struct renderer {
     camera_t *camera;
     uint8_t *light_groups; /* of each light; NULL: none */
     const integrator_ops_t *integrator;
+    /* Of a job that learns. */
+    float inverse_brightness[BRIGHTNESS_SIDE * BRIGHTNESS_SIDE];
+    plan_t *_Atomic plans[LEARNING_PASSES]; /* NULL: none yet, or the pass has none */
 };
 
 static const integrator_ops_t *const integrators[] = {
@@ -71,13 +75,28 @@ result_t renderer_new(const scene_blob_t *blob, const job_settings_t *settings, 
     setup->regularizes = blob->scene->regularize != 0;
     setup->max_luminance = blob->scene->max_luminance;
     filter_init(&setup->filter, &blob->scene->filter);
+    setup->light_share = 1;
+    setup->teaching_mask = LESSON_NOBODY;
+    if (job_learns(settings))
+        plan_prepare(setup, renderer->lights, renderer->integrator, renderer->inverse_brightness);
     *result = renderer;
     return result_ok();
 }
 
 void renderer_plan(renderer_t *renderer, const learning_plan_t *lessons)
 {
-    (void)renderer, (void)lessons; /* nothing is learned from them yet */
+    if (atomic_load(&renderer->plans[lessons->pass]) != NULL) return;
+    flush_denormals();
+    atomic_store(&renderer->plans[lessons->pass], plan_new(&renderer->setup, lessons));
+}
+
+/* The setup that a unit is rendered with. */
+static const setup_t *setup_of(const renderer_t *renderer, const unit_t *unit)
+{
+    const job_settings_t *settings = &renderer->setup.settings;
+    if (!job_learns(settings)) return &renderer->setup;
+    const plan_t *plan = atomic_load(&renderer->plans[learning_pass(settings, unit->first)]);
+    return plan != NULL ? plan_setup(plan) : &renderer->setup;
 }
 
 uint64_t renderer_memory(const scene_blob_t *blob)
@@ -92,6 +111,10 @@ void renderer_destroy(renderer_t **renderer)
 {
     renderer_t *self = *renderer;
     if (self == NULL) return;
+    for (int i = 0; i < LEARNING_PASSES; i++) {
+        plan_t *plan = atomic_load(&self->plans[i]);
+        plan_destroy(&plan);
+    }
     lights_destroy(&self->lights);
     free(self->camera);
     free(self->light_groups);
@@ -150,6 +173,7 @@ bool renderer_unit(const renderer_t *renderer, const unit_t *unit, unit_result_t
     const job_settings_t *settings = &renderer->setup.settings;
     flush_denormals();
     uint64_t begin = thread_cpu_us();
+    const setup_t *setup = setup_of(renderer, unit);
     unit_result_reset(result, settings, unit);
     rect_t rect = job_tile_rect(settings, unit->tile);
     size_t row = (size_t)(rect.x1 - rect.x0), half_pixels = row * (size_t)(rect.y1 - rect.y0);
@@ -158,7 +182,7 @@ bool renderer_unit(const renderer_t *renderer, const unit_t *unit, unit_result_t
             if (atomic_load_explicit(cancel, memory_order_relaxed)) return false;
             size_t pixel = (size_t)(y - rect.y0) * row + (size_t)(x - rect.x0);
             for (uint32_t i = unit->first; i < unit->first + unit->count; i++) {
-                sample_t sample = {.setup = &renderer->setup,
+                sample_t sample = {.setup = setup,
                                    .pixel_x = (uint32_t)x,
                                    .pixel_y = (uint32_t)y,
                                    .sample = i,
@@ -167,7 +191,7 @@ bool renderer_unit(const renderer_t *renderer, const unit_t *unit, unit_result_t
                                    .result = result};
                 sample.time = sample_time(&sample);
                 rgb_t value = renderer->integrator->sample(&sample);
-                add_eye_sample(&renderer->setup, &sample, pixel, half_pixels, value);
+                add_eye_sample(setup, &sample, pixel, half_pixels, value);
                 unit_result_feature(result, pixel, i, &sample.first_hit);
             }
         }

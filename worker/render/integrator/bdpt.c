@@ -10,7 +10,10 @@
  *
  * A job may ask for one strategy alone, with its weight or without (job_settings_t): Veach's pyramid.
  */
+#include "worker/render/integrator/lessons.h"
 #include "worker/render/integrator/subpath.h"
+
+#include <string.h>
 
 enum { MAX_VERTICES = JOB_MAX_DEPTH + 2 };
 /* Sooner adds more noise than it saves time. */
@@ -20,14 +23,23 @@ static const roulette_t roulette = {.from = 3, .most = 1};
 typedef struct {
     sample_t *sample;
     const setup_t *setup;
-    rgb_t radiance;  /* of the eye subpath, so far */
-    uint32_t source; /* the light that the light subpath starts from */
-    int light_count; /* stored light vertices, in the order of the subpath */
+    rgb_t radiance;   /* of the eye subpath, so far */
+    uint32_t source;  /* the light that the light subpath starts from, */
+    float view_ratio; /* of its place there (light_ray_t), */
+    /* For lessons: */
+    bool teaches;
+    float density;       /* of the start of the light subpath; 0: none */
+    uint32_t lessons[2]; /* of that start */
+    float brought;       /* by the light subpath: squares, in terms of how bright the picture is there */
+    rgb_t own;           /* of `radiance` what needs no light subpath */
+    uint64_t light_rays; /* that the light subpath took, with all that is joined to it */
+    int light_count;     /* stored light vertices, in the order of the subpath */
     vertex_t light[MAX_VERTICES];
     connections_t connections;         /* candidates of one vertex, or of the camera */
     vec2_t rasters[SCENE_PACKET];      /* where those to the camera fall */
     uint32_t dimensions[SCENE_PACKET]; /* of the vertices they come from */
     uint32_t lights[SCENE_PACKET];     /* where the light of all of them comes from */
+    uint32_t fresh; /* bit i is set where it is a fresh place on a light, and not the light subpath */
 } bidirectional_t;
 
 /* True when the job wants the strategy of s light and t eye vertices. */
@@ -49,8 +61,14 @@ static void trace_light_subpath(bidirectional_t *b)
     walk_t walk;
     light_ray_t ray;
     b->light_count = 0;
+    b->density = 0;
+    float share = b->setup->light_share;
+    if (share < 1 && sample_2d(b->sample, DIMENSION_EYE + DIMENSION_LIGHT_SHARE).x >= share) return;
     if (!walk_from_light(b->sample, roulette, &walk, &ray)) return;
     b->source = ray.light;
+    b->view_ratio = ray.view_ratio;
+    b->density = ray.start.density;
+    memcpy(b->lessons, ray.lessons, sizeof b->lessons);
     for (int i = 1; i < setup_max_segments(b->setup); i++) {
         vertex_t *y = &b->light[b->light_count];
         walk_arrive(&walk, b->sample, y);
@@ -67,6 +85,7 @@ static void trace_light_subpath(bidirectional_t *b)
 static inline void add_radiance(bidirectional_t *b, rgb_t value, uint32_t light)
 {
     b->radiance = v_add(b->radiance, value);
+    b->own = v_add(b->own, value);
     sample_lit(b->sample, light, value);
 }
 
@@ -77,18 +96,34 @@ static void light_connections(bidirectional_t *b, int count, uint32_t lost)
         if (!(lost >> i & 1)) sample_lit(b->sample, b->lights[i], b->connections.values[i]);
 }
 
+/* Notes what the light subpath brought to a place of the film. */
+static inline void note_brought(bidirectional_t *b, float x, float y, rgb_t value)
+{
+    b->brought += square(float_min(v_max(value) * setup_brightness(b->setup, x, y), 4));
+}
+
 /* Traces the connections and takes what arrives, of those to the camera as splats. */
 static void take_connections(bidirectional_t *b, bool splats)
 {
     int count = b->connections.segments.count;
+    b->light_rays += (uint64_t)(count - __builtin_popcount(b->fresh));
     uint32_t lost = connections_transmit(b->sample, &b->connections, splats);
     for (int i = 0; i < count; i++) {
         if (lost >> i & 1) continue;
-        if (splats)
-            sample_splat(b->sample, b->rasters[i], b->connections.values[i], b->lights[i], b->dimensions[i]);
-        else
-            b->radiance = v_add(b->radiance, b->connections.values[i]);
+        rgb_t value = b->connections.values[i];
+        if (splats) {
+            sample_splat(b->sample, b->rasters[i], value, b->lights[i], b->dimensions[i]);
+            if (b->teaches) note_brought(b, b->rasters[i].x, b->rasters[i].y, value);
+        } else {
+            b->radiance = v_add(b->radiance, value);
+            if (!b->teaches) continue;
+            if (b->fresh >> i & 1)
+                b->own = v_add(b->own, value);
+            else
+                note_brought(b, (float)b->sample->pixel_x, (float)b->sample->pixel_y, value);
+        }
     }
+    b->fresh = 0;
     if (!splats && b->setup->light_groups != NULL) light_connections(b, count, lost);
 }
 
@@ -100,7 +135,7 @@ static void join_camera(bidirectional_t *b, const vertex_t *y)
     if (!sample_join_camera(b->sample, vertex_point(y), y->dimension, &view) || !vertex_eval(y, view.w, &fy))
         return;
     float r = view.density * vertex_area_cosine(y, view.w);
-    float count = y->depth == 1 ? first_light_count(b->setup, b->source) : 1;
+    float count = y->depth == 1 ? b->view_ratio * light_count(b->setup, b->source, true) : 1;
     float weight = weight_of(b, mis_share_counted(y, r, fy.pdf_rev, count));
     float factor = vertex_cosine(y, view.w) * vertex_adjoint(y, view.w) * view.density;
     rgb_t value = v_scale(v_mul(y->throughput, fy.f), factor * weight);
@@ -120,10 +155,11 @@ static void hit_lights(bidirectional_t *b, const walk_t *walk, const vertex_t *z
     for (uint32_t k = 0; k < vertex_light_count(z, b->setup->lights); k++) {
         light_hit_t hit;
         if (!vertex_light_hit(z, b->setup->lights, k, &hit)) continue;
-        float count = walk->first ? first_light_count(b->setup, hit.light) : 1;
+        float count = hit.view_ratio * light_count(b->setup, hit.light, walk->first);
         float share = z->depth == 1 ? 0 : mis_share_counted(z, hit.pdf_place, hit.pdf_ray, count);
         float weight = weight_of(b, share);
         add_radiance(b, v_scale(v_mul(z->throughput, hit.radiance), weight), hit.light);
+        if (z->depth == 1) b->own = vec3(0, 0, 0); /* what is seen directly is hardly noise */
     }
 }
 
@@ -140,8 +176,7 @@ static void join_light(bidirectional_t *b, const vertex_t *z, uint32_t k)
         float light_share = light.delta ? 0 : square(fz.pdf * light.geometry / counted);
         float eye_share = mis_share(z, r_eye, fz.pdf_rev) * square(light.pdf_place / counted);
         weight = weight_of(b, light_share + eye_share);
-    } else if (z->depth > 1 || !vertex_eval_split(z, light.w, light.delta, light.pdf_place,
-                                                  r_eye * sqrtf(z->inv_p2), &fz, &weight)) {
+    } else if (z->depth > 1 || !vertex_split_light(z, &light, 1 / sqrtf(z->inv_p2), &fz, &weight)) {
         return;
     }
     float factor = vertex_cosine(z, light.w) * light.geometry / light.density * weight;
@@ -150,6 +185,7 @@ static void join_light(bidirectional_t *b, const vertex_t *z, uint32_t k)
     int n = connections_add(&b->connections, vertex_exit(z, light.w), light.target, vertex_medium(z, light.w),
                             v_length(v_sub(light.target, vertex_point(z))), value);
     b->lights[n] = light.light;
+    b->fresh |= 1u << n;
 }
 
 /* s >= 2, t >= 2: joins an eye vertex to a light vertex. */
@@ -164,7 +200,9 @@ static void join_vertices(bidirectional_t *b, const vertex_t *z, const vertex_t 
     if (!vertex_eval(z, w, &fz) || !vertex_eval(y, back, &fy)) return;
     float r_light = fz.pdf * vertex_area_cosine(y, w) / distance2;
     float r_eye = fy.pdf * vertex_area_cosine(z, w) / distance2;
-    float weight = weight_of(b, mis_share(y, r_light, fy.pdf_rev) + mis_share(z, r_eye, fz.pdf_rev));
+    float count = y->depth == 1 ? b->view_ratio : 1;
+    float weight =
+        weight_of(b, mis_share_counted(y, r_light, fy.pdf_rev, count) + mis_share(z, r_eye, fz.pdf_rev));
     float factor = vertex_cosine(z, w) * vertex_cosine(y, w) * vertex_adjoint(y, back) / distance2 * weight;
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), v_mul(y->throughput, fy.f));
     if (v_is_zero(value)) return;
@@ -197,6 +235,22 @@ static void splat_light_subpath(bidirectional_t *b)
     if (b->connections.segments.count > 0) take_connections(b, true);
 }
 
+/* What the sample teaches, which took so many rays. */
+static void teach(const bidirectional_t *b, uint64_t rays)
+{
+    const sample_t *sample = b->sample;
+    uint32_t x = sample->pixel_x, y = sample->pixel_y;
+    /* Bounded, so that its square is. */
+    float own = float_min(v_max(b->own) * setup_brightness(b->setup, (float)x, (float)y), 4);
+    if (!(own >= 0) || !(b->brought < INFINITY)) return;
+    lesson_note(sample, LESSON_OWN + lesson_block(&b->setup->settings, x, y), own, LESSON_BITS);
+    lesson_note(sample, LESSON_OWN_SQUARES, square(own), LESSON_BITS);
+    lesson_note(sample, LESSON_OWN_RAYS, (float)(rays - b->light_rays), LESSON_RAY_BITS);
+    if (!(b->density > 0)) return;
+    lesson_note(sample, LESSON_LIGHTS + b->lessons[0], b->brought * b->density, GUIDE_SQUARE_BITS);
+    lesson_note(sample, LESSON_LIGHTS + b->lessons[1], (float)b->light_rays / b->density, GUIDE_COST_BITS);
+}
+
 static rgb_t bdpt_sample(sample_t *sample)
 {
     bidirectional_t b;
@@ -205,11 +259,17 @@ static rgb_t bdpt_sample(sample_t *sample)
     b.radiance = vec3(0, 0, 0);
     b.connections.segments = (segments_t){0};
     b.connections.absorbing = 0;
+    b.fresh = 0;
+    b.brought = 0;
+    b.teaches = lesson_due(sample);
+    b.own = vec3(0, 0, 0);
+    uint64_t rays = sample->result->counts.rays;
     int segments = setup_max_segments(b.setup);
 
     walk_t walk = walk_from_camera(sample, roulette);
     if (sample->eye_weight == 0 && !walk.joinable) return b.radiance;
     trace_light_subpath(&b);
+    b.light_rays = sample->result->counts.rays - rays;
     if (walk.joinable) splat_light_subpath(&b);
     vec3_t eye = walk.origin;
     for (int i = 1; i <= segments; i++) {
@@ -224,6 +284,7 @@ static rgb_t bdpt_sample(sample_t *sample)
         if (vertex_is_joinable(&z) && !lights_empty(b.setup->lights)) join_eye_vertex(&b, &z);
         if (!walk_scatter(&walk, sample, &z)) break;
     }
+    if (b.teaches) teach(&b, sample->result->counts.rays - rays);
     return b.radiance;
 }
 

@@ -24,8 +24,24 @@ typedef struct {
     bool regularizes;            /* blob_scene_t */
     float max_luminance;         /* blob_scene_t */
     const uint8_t *light_groups; /* of each light; NULL in a job without groups */
+    float light_share; /* of the samples that have a light subpath, which counts so many times more */
+    /* Of a job that learns (lessons.h): which pixels teach, and 1 / about how bright the picture is, of
+     * BRIGHTNESS_SIDE x BRIGHTNESS_SIDE parts of the film. */
+    uint32_t teaching_mask;
+    const float *inverse_brightness;
     job_settings_t settings;
 } setup_t;
+
+enum { BRIGHTNESS_SIDE = 8 };
+/* The one of a place of the film, which may lie outside. */
+static inline float setup_brightness(const setup_t *setup, float x, float y)
+{
+    int u = (int)(x * BRIGHTNESS_SIDE / (float)setup->settings.width);
+    int v = (int)(y * BRIGHTNESS_SIDE / (float)setup->settings.height);
+    u = int_min(int_max(u, 0), BRIGHTNESS_SIDE - 1);
+    v = int_min(int_max(v, 0), BRIGHTNESS_SIDE - 1);
+    return setup->inverse_brightness[BRIGHTNESS_SIDE * v + u];
+}
 
 /* One sample in the making. */
 typedef struct {
@@ -57,8 +73,8 @@ enum {
     DIMENSION_LIGHT = DIMENSION_EYE + 6,
     DIMENSION_STRIDE = 12
 };
-/* Of vertex 0 of the eye subpath. */
-enum { DIMENSION_FILTER = 0, DIMENSION_LENS = 1, DIMENSION_TIME = 2 };
+/* Of vertex 0 of the eye subpath; the last decides whether there is a light subpath. */
+enum { DIMENSION_FILTER = 0, DIMENSION_LENS = 1, DIMENSION_TIME = 2, DIMENSION_LIGHT_SHARE = 3 };
 /* Of vertex i >= 1 of the eye subpath: a light's choice and place, and the scattering. */
 enum { DIMENSION_ILLUMINATE = 0, DIMENSION_SCATTER = 2 };
 /* Of the light subpath: of vertex 0 choice, place and ray; of vertex i >= 1 the scattering; of either the

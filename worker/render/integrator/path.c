@@ -24,10 +24,7 @@ static rgb_t direct_light(sample_t *sample, const walk_t *walk, const vertex_t *
         if (!light.delta) weight = power_heuristic(counted, value.pdf);
     } else {
         float distance2, seen = z->depth == 1 ? walk_density(walk, z, &distance2) : 0;
-        float arrives = light.arrival * vertex_area_cosine(z, light.w);
-        if (!(seen > 0) ||
-            !vertex_eval_split(z, light.w, light.delta, light.pdf_place, arrives / seen, &value, &weight))
-            return vec3(0, 0, 0);
+        if (!(seen > 0) || !vertex_split_light(z, &light, seen, &value, &weight)) return vec3(0, 0, 0);
     }
     rgb_t result = v_scale(v_mul(value.f, light.radiance), vertex_cosine(z, light.w) / density * weight);
     if (v_is_zero(result)) return result;
@@ -51,7 +48,7 @@ static rgb_t emitted(sample_t *sample, const walk_t *walk, const vertex_t *z)
                             ? 1
                             : v_length2(v_sub(vertex_point(z), walk->point)) / vertex_area_cosine(z, z->wo);
         bool found = z->depth > 1 && walk->joinable;
-        float count = walk->first ? first_light_count(setup, hit.light) : 1;
+        float count = hit.view_ratio * light_count(setup, hit.light, walk->first);
         float weight = found ? power_heuristic(walk->pdf, count * hit.pdf_place * measure) : 1;
         rgb_t radiance = v_scale(hit.radiance, weight);
         sum = v_add(sum, radiance);

@@ -66,6 +66,7 @@ typedef struct {
     float pdf_rev;       /* of the way back at vertex i - 1: q_{i-1} */
     float direct, inner; /* of vertex i - 1, were it not specular */
     uint32_t light;      /* that a light subpath starts from */
+    float view_ratio;    /* and of its place there (light_ray_t); 1 for an eye subpath */
     bool gated;          /* vertex i - 1 is at infinity, beyond the portal of its light */
     bool joinable;       /* vertex i - 1 is not specular */
     bool parallel;       /* vertex i - 1 is at infinity, or the camera orthographic */
@@ -78,11 +79,11 @@ typedef struct {
  * docs/performance.md). */
 static const float first_light_worth = 2;
 
-/* How many places s = 1 draws for one of s >= 2 on this light, where the eye vertex that it joins is the
- * first, in weights. */
-static inline float first_light_count(const setup_t *setup, uint32_t light)
+/* How many places s = 1 counts as drawing for one of lights_illuminate on this light, in weights. `first`:
+ * the eye vertex that it joins is. */
+static inline float light_count(const setup_t *setup, uint32_t light, bool first)
 {
-    return first_light_worth * lights_first_ratio(setup->lights, light);
+    return first ? first_light_worth * lights_first_times(setup->lights, light) : 1;
 }
 
 /* The eye subpath of the sample. Settles the sample's weight: where that is 0 nothing is to be seen. */
@@ -100,6 +101,7 @@ static inline walk_t walk_from_camera(sample_t *sample, roulette_t roulette)
                     .cosine = 1,
                     .throughput = vec3(1, 1, 1),
                     .pdf = ray.pdf,
+                    .view_ratio = 1,
                     .joinable = ray.joinable,
                     .parallel = ray.parallel}; /* direct 0: nothing runs into a camera */
 }
@@ -125,6 +127,7 @@ static inline bool walk_from_light(const sample_t *sample, roulette_t roulette, 
                      .pdf = ray->pdf_ray,
                      .direct = ray->delta ? 0 : 1 / square(ray->pdf_place),
                      .light = ray->light,
+                     .view_ratio = ray->view_ratio,
                      .gated = ray->gate > 0,
                      .joinable = true,
                      .parallel = ray->at_infinity};
@@ -153,7 +156,8 @@ static inline bool walk_weigh(walk_t *walk, vertex_t *vertex)
     vertex->inv_p2 = 1 / square(p);
     vertex->direct = walk->joinable ? vertex->inv_p2 : 0;
     vertex->inner = square(walk->cosine / distance2) * vertex->inv_p2 * chain;
-    walk->direct = vertex->direct;
+    /* Of the first vertex of a light subpath: s = 1 draws the light's places with another density. */
+    walk->direct = walk->depth == 1 ? square(walk->view_ratio) * vertex->direct : vertex->direct;
     walk->inner = vertex->inner;
     return vertex->kind == VERTEX_SKY || (p > 0x1p-60f && p < 0x1p60f);
 }

@@ -106,6 +106,15 @@ static inline medium_t vertex_medium(const vertex_t *vertex, vec3_t w)
  * `ratio`: of the densities of the vertex, as made by the light over as made by the camera. */
 bool vertex_eval_split(const vertex_t *vertex, vec3_t w, bool delta, float pdf_place, float ratio,
                        bsdf_value_t *value, float *share);
+/* The same where a place on a light is joined to the vertex, which the camera makes with the density `seen`.
+ * The densities are those without guides: what is seen does not depend on what was learned. */
+static inline bool vertex_split_light(const vertex_t *vertex, const light_view_t *light, float seen,
+                                      bsdf_value_t *value, float *share)
+{
+    float arrives = light->plain_arrival * vertex_area_cosine(vertex, light->w);
+    return vertex_eval_split(vertex, light->w, light->delta, light->pdf_place * light->view_ratio,
+                             arrives / seen, value, share);
+}
 
 /* How many lights an eye subpath that ends here may have run into. */
 static inline uint32_t vertex_light_count(const vertex_t *vertex, const lights_t *lights)

@@ -3,6 +3,7 @@
 
 #include "worker/render/sampling/alias.h"
 
+#include <math.h>
 #include <stdlib.h>
 
 #define TABLE_ENTRY(kind, ops) [kind] = &(ops),
@@ -12,14 +13,23 @@ static const light_ops_t *const kinds[] = {LIGHT_KINDS(TABLE_ENTRY)};
 /* Where each light is not asked: a single one is asked so often, of more than can be asked so many are
  * chosen. */
 enum { CHOSEN = 2 };
+/* With a sky one is chosen, as anywhere: more would cost more than they bring (docs/performance.md). */
+enum { CHOSEN_OF_SKY = 1 };
+/* Of a light without lessons. */
+static const uint32_t NO_LESSON = UINT32_MAX;
+/* The part of light subpaths whose light is chosen by power, whatever was learned. */
+static const double BY_POWER = 0.25;
 
 struct lights {
     light_t *lights; /* [count] */
     uint32_t count;
-    alias_t alias; /* of all lights, by power */
-    uint32_t *sky; /* [sky_count] those that are everywhere */
+    alias_t alias;        /* of all lights, by power */
+    alias_t worth;        /* by what light subpaths from them are worth; empty: by power */
+    const lights_t *base; /* without guides: their states are its own; NULL: it is one */
+    uint32_t *sky;        /* [sky_count] those that are everywhere */
     uint32_t sky_count;
-    uint32_t asked[LIGHTS_FIRST_MOST]; /* [asked_count] the lights with power; none where they are more, or one */
+    uint32_t
+        asked[LIGHTS_FIRST_MOST]; /* [asked_count] the lights with power; none where they are more, or one */
     uint32_t asked_count;
 };
 
@@ -57,11 +67,12 @@ static void choose_lights(lights_t *lights)
     alias_init(&lights->alias, powers, lights->count);
     for (uint32_t i = 0; i < lights->count && !lights_empty(lights); i++) {
         lights->lights[i].chance = (float)(powers[i] / lights->alias.total);
+        lights->lights[i].view_ratio = 1;
         if (!(lights->lights[i].chance > 0)) continue;
         if (shining < LIGHTS_FIRST_MOST) lights->asked[shining] = i;
         shining++;
     }
-    lights->asked_count = shining > 1 && shining <= LIGHTS_FIRST_MOST ? shining : 0;
+    lights->asked_count = shining > 1 && shining <= LIGHTS_FIRST_MOST && lights->sky_count == 0 ? shining : 0;
     free(powers);
 }
 
@@ -82,14 +93,97 @@ void lights_destroy(lights_t **lights)
     lights_t *self = *lights;
     if (self == NULL) return;
     for (uint32_t i = 0; i < self->count; i++) {
-        const light_ops_t *kind = kinds[self->lights[i].record->kind];
-        if (kind->release != NULL) kind->release(self->lights[i].state);
+        light_t *light = &self->lights[i];
+        const light_ops_t *kind = kinds[light->record->kind];
+        light_guide_destroy(&light->guide);
+        if (self->base == NULL && kind->release != NULL) kind->release(light->state);
     }
-    alias_free(&self->alias);
+    alias_free(&self->worth);
+    if (self->base == NULL) {
+        alias_free(&self->alias);
+        free(self->sky);
+    }
     free(self->lights);
-    free(self->sky);
     free(self);
     *lights = NULL;
+}
+
+/* ---- learning ------------------------------------------------------------------------------------------ */
+
+static guide_kind_t guide_kind(const light_t *light)
+{
+    const light_ops_t *kind = kinds[light->record->kind];
+    return kind->guided != NULL ? kind->guided(light) : GUIDE_NOTHING;
+}
+
+/* By falling chance; the same ones by their number. */
+static int chance_order(const void *a, const void *b)
+{
+    const light_t *const *u = a, *const *v = b;
+    if ((*u)->chance != (*v)->chance) return (*u)->chance > (*v)->chance ? -1 : 1;
+    return *u < *v ? -1 : *u > *v;
+}
+
+void lights_learn(lights_t *lights, uint32_t room)
+{
+    const light_t **order = mem_alloc((lights->count + 1) * sizeof *order);
+    uint32_t taken = 0;
+    for (uint32_t i = 0; i < lights->count; i++) order[i] = &lights->lights[i];
+    qsort(order, lights->count, sizeof *order, chance_order);
+    for (uint32_t i = 0; i < lights->count; i++) {
+        light_t *light = &lights->lights[order[i] - lights->lights];
+        uint32_t lessons = 2 * light_guide_cells(guide_kind(light));
+        light->first_lesson = NO_LESSON;
+        if (!(light->chance > 0) || lessons > room - taken) continue;
+        light->first_lesson = taken;
+        taken += lessons;
+    }
+    free(order);
+}
+
+/* Chooses the lights by what they are worth, and by power where that is not known, both mixed. */
+static void choose_by_worth(lights_t *lights, const double *worths, double share)
+{
+    double *weights = mem_zalloc((size_t)lights->count + 1, sizeof *weights), sum = 0;
+    for (uint32_t i = 0; i < lights->count; i++) sum += worths[i];
+    for (uint32_t i = 0; i < lights->count; i++) {
+        double power = (double)lights->lights[i].chance;
+        weights[i] = sum > 0 ? BY_POWER * power + (1 - BY_POWER) * worths[i] / sum : power;
+    }
+    alias_init(&lights->worth, weights, lights->count);
+    for (uint32_t i = 0; i < lights->count && lights->worth.count > 0; i++) {
+        light_t *light = &lights->lights[i];
+        float power = light->chance;
+        light->chance = (float)(share * weights[i] / lights->worth.total);
+        light->view_ratio = light->chance > 0 ? power / light->chance : 1;
+    }
+    free(weights);
+}
+
+lights_t *lights_guided(const lights_t *base, const double *lessons, double samples, double reach,
+                        double least, float *share)
+{
+    lights_t *lights = mem_alloc(sizeof *lights);
+    *lights = *base;
+    lights->base = base;
+    lights->lights = mem_alloc(((size_t)base->count + 1) * sizeof *lights->lights);
+    double *worths = mem_zalloc((size_t)base->count + 1, sizeof *worths), sum = 0, known = 0;
+    for (uint32_t i = 0; i < base->count; i++) {
+        light_t *light = &lights->lights[i];
+        *light = base->lights[i];
+        if (light->first_lesson == NO_LESSON) continue;
+        light->guide = light_guide_new(guide_kind(light), lessons + light->first_lesson, samples, &worths[i]);
+        sum += worths[i];
+        known += (double)light->chance;
+    }
+    /* Of others their power says what they are worth. */
+    for (uint32_t i = 0; i < base->count && known > 0; i++)
+        if (lights->lights[i].first_lesson == NO_LESSON)
+            worths[i] = sum * (double)lights->lights[i].chance / known;
+    *share = (float)fmax(least, fmin(1, known > 0 ? reach * sum / known : 1));
+    choose_by_worth(lights, worths, (double)*share);
+    free(worths);
+    return lights;
 }
 
 bool lights_empty(const lights_t *lights)
@@ -99,20 +193,24 @@ bool lights_empty(const lights_t *lights)
 
 bool lights_emit(const lights_t *lights, float choice, vec2_t place, vec2_t ray, light_ray_t *out)
 {
-    uint32_t number = alias_sample(&lights->alias, &choice);
+    uint32_t number = alias_sample(lights->worth.count > 0 ? &lights->worth : &lights->alias, &choice);
     const light_t *light = &lights->lights[number];
-    *out = (light_ray_t){.light = number, .cosine = 1};
-    return kinds[light->record->kind]->emit(light, choice, place, ray, out);
+    *out = (light_ray_t){.light = number, .cosine = 1, .view_ratio = light->view_ratio, .start = {0, 1}};
+    if (!kinds[light->record->kind]->emit(light, choice, place, ray, out)) return false;
+    out->start.density *= light->first_lesson == NO_LESSON ? 0 : light->chance;
+    out->lessons[0] = light->first_lesson + out->start.cell;
+    out->lessons[1] = out->lessons[0] + light_guide_cells(guide_kind(light));
+    return true;
 }
 
-/* `ratio` as lights_first_ratio. */
-static bool ask(const lights_t *lights, uint32_t number, float ratio, vec3_t point, float choice,
+/* `times`: how many such places there are. */
+static bool ask(const lights_t *lights, uint32_t number, float times, vec3_t point, float choice,
                 vec2_t place, light_view_t *out)
 {
     const light_t *light = &lights->lights[number];
-    *out = (light_view_t){.light = number};
+    *out = (light_view_t){.light = number, .view_ratio = light->view_ratio};
     if (!kinds[light->record->kind]->illuminate(light, choice, point, place, out)) return false;
-    out->density = out->pdf_place * ratio;
+    out->density = out->pdf_place * out->view_ratio * times;
     return true;
 }
 
@@ -127,14 +225,20 @@ bool lights_are_all_asked(const lights_t *lights)
     return lights->asked_count > 0;
 }
 
-uint32_t lights_first_count(const lights_t *lights)
+static uint32_t chosen(const lights_t *lights)
 {
-    return lights_are_all_asked(lights) ? lights->asked_count : CHOSEN;
+    return lights->sky_count > 0 ? CHOSEN_OF_SKY : CHOSEN;
 }
 
-float lights_first_ratio(const lights_t *lights, uint32_t light)
+uint32_t lights_first_count(const lights_t *lights)
 {
-    return lights_are_all_asked(lights) ? 1 / lights->lights[light].chance : CHOSEN;
+    return lights_are_all_asked(lights) ? lights->asked_count : chosen(lights);
+}
+
+float lights_first_times(const lights_t *lights, uint32_t number)
+{
+    const light_t *light = &lights->lights[number];
+    return lights_are_all_asked(lights) ? 1 / (light->chance * light->view_ratio) : (float)chosen(lights);
 }
 
 /* Moves a number within [0, 1), round its end. */
@@ -150,17 +254,18 @@ bool lights_illuminate_first(const lights_t *lights, uint32_t k, vec3_t point, f
     if (lights_are_all_asked(lights)) {
         number = lights->asked[k];
     } else {
-        float by = (float)k / CHOSEN;
+        float by = (float)k / (float)chosen(lights);
         choice = shift(choice, by);
         place = (vec2_t){shift(place.x, by), shift(place.y, by)};
         number = alias_sample(&lights->alias, &choice);
     }
-    return ask(lights, number, lights_first_ratio(lights, number), point, choice, place, out);
+    return ask(lights, number, lights_first_times(lights, number), point, choice, place, out);
 }
 
 bool lights_hit(const lights_t *lights, const surface_t *surface, vec3_t wo, light_hit_t *out)
 {
     out->light = surface->light;
+    out->view_ratio = lights->lights[surface->light].view_ratio;
     return light_area_hit(&lights->lights[surface->light], surface, wo, out);
 }
 
@@ -173,6 +278,7 @@ bool lights_escape(const lights_t *lights, uint32_t k, vec3_t point, vec3_t w, l
 {
     const light_t *light = &lights->lights[lights->sky[k]];
     out->light = lights->sky[k];
+    out->view_ratio = light->view_ratio;
     return kinds[light->record->kind]->escape(light, point, w, out);
 }
 

@@ -13,14 +13,15 @@
  * that the density per area at a point depends on its light alone.
  *
  * Most of what one sees is lit directly, and the first vertex of an eye subpath that scatters by more than
- * mirrors and clear glass is where that shows. For it lights_illuminate_first draws several places, one on each
- * light where they are few. So they are denser there (`density`), and weights must know it.
+ * mirrors and clear glass is where that shows. For it lights_illuminate_first draws several places, one on
+ * each light where they are few. So they are denser there (`density`), and weights must know it.
  *
  * A new kind of light is one file light_*.c and one entry in LIGHT_KINDS below.
  */
 #ifndef LIGHTMILL_LIGHT_H
 #define LIGHTMILL_LIGHT_H
 
+#include "worker/render/light/light_guide.h"
 #include "worker/render/scene/scene.h"
 
 typedef struct lights lights_t;
@@ -30,6 +31,14 @@ typedef struct lights lights_t;
 lights_t *lights_new(const scene_t *scene);
 /* Frees the tables and sets *lights to NULL. */
 void lights_destroy(lights_t **lights);
+/* Gives the lights places for lessons (light_guide.h), at most `room`; those that have no room have no guide.
+ */
+void lights_learn(lights_t *lights, uint32_t room);
+/* The same lights with guides by the lessons of so many samples. Light subpaths start on a light, and from
+ * there, as it is worth; *share: how many a sample is to have, from `least` to 1, which densities of starts
+ * take account of. It stands on `lights`, which must outlive it. */
+lights_t *lights_guided(const lights_t *lights, const double *lessons, double samples, double reach,
+                        double least, float *share);
 /* True when there is nothing to sample. */
 bool lights_empty(const lights_t *lights);
 
@@ -40,9 +49,12 @@ typedef struct {
     vec3_t point;             /* the place; at infinity meaningless */
     rgb_t throughput;         /* emitted radiance times cosine, over all densities */
     float pdf_place;          /* of the place, the choice of the emitter included */
-    float pdf_ray; /* of the direction, per steradian; at infinity of the ray, per area across it */
-    float cosine;  /* at the place between normal and direction; 1 where there is no normal */
-    float gate;    /* how far along the ray the light's portal is; 0 without one. See lights_enter */
+    float pdf_ray;       /* of the direction, per steradian; at infinity of the ray, per area across it */
+    float cosine;        /* at the place between normal and direction; 1 where there is no normal */
+    float view_ratio;    /* density with which lights_illuminate draws the place, over pdf_place */
+    light_start_t start; /* of the light's cells */
+    uint32_t lessons[2]; /* the places of its lessons; not where its density is 0 */
+    float gate;          /* how far along the ray the light's portal is; 0 without one. See lights_enter */
     bool at_infinity;
     bool delta; /* eye subpaths cannot run into the place */
 } light_ray_t;
@@ -50,24 +62,25 @@ typedef struct {
 /* A place on a light as a given point sees it. */
 typedef struct {
     uint32_t light;
-    vec3_t w;        /* unit direction from the point to the place */
-    vec3_t target;   /* where the segment to it ends, off the light already */
-    rgb_t radiance;  /* towards the point; of a point light the intensity */
-    float pdf_place; /* as in light_ray_t */
-    float density;   /* of all places that are drawn for the point: how many of them to expect, per measure */
+    vec3_t w;                    /* unit direction from the point to the place */
+    vec3_t target;               /* where the segment to it ends, off the light already */
+    rgb_t radiance;              /* towards the point; of a point light the intensity */
+    float pdf_place, view_ratio; /* as in light_ray_t */
+    float density;  /* of all places that are drawn for the point: how many of them to expect, per measure */
     float geometry; /* from solid angle at the point to the measure of places: cos / d^2 on a surface, 1 / d^2
                        of a point, 1 at infinity */
     float arrival;  /* density, per area across it, of the rays that lights_emit sends this way to the point,
                        given the place */
+    float plain_arrival; /* what `arrival` would be without a guide */
     bool at_infinity, delta;
 } light_view_t;
 
 /* A place that an eye subpath ran into. */
 typedef struct {
     uint32_t light;
-    rgb_t radiance;  /* towards where the subpath came from */
-    float pdf_place; /* with which the other two would have drawn it */
-    float pdf_ray;   /* as in light_ray_t */
+    rgb_t radiance;            /* towards where the subpath came from */
+    float pdf_place;           /* with which the other two would have drawn it */
+    float pdf_ray, view_ratio; /* as in light_ray_t */
 } light_hit_t;
 
 /* Draws a light subpath; false when nothing comes of it. */
@@ -79,12 +92,12 @@ enum { LIGHTS_FIRST_MOST = 8 };
 uint32_t lights_first_count(const lights_t *lights);
 /* True when each lies on a light of its own. */
 bool lights_are_all_asked(const lights_t *lights);
-/* Draws the k-th of them, as lights_illuminate. Where not all lights are asked, the numbers are to be the same
- * for each k: places drawn by shifted numbers keep apart. */
+/* Draws the k-th of them, as lights_illuminate. Where not all lights are asked, the numbers are to be the
+ * same for each k: places drawn by shifted numbers keep apart. */
 bool lights_illuminate_first(const lights_t *lights, uint32_t k, vec3_t point, float choice, vec2_t place,
                              light_view_t *out);
-/* `density` over `pdf_place` of these, on this light. */
-float lights_first_ratio(const lights_t *lights, uint32_t light);
+/* How often they draw a place on this light for once of lights_illuminate. */
+float lights_first_times(const lights_t *lights, uint32_t light);
 /* The light surface->light seen from the unit direction wo; false when it is dark. */
 bool lights_hit(const lights_t *lights, const surface_t *surface, vec3_t wo, light_hit_t *out);
 /* How many lights fill the sky. */
@@ -107,7 +120,10 @@ typedef struct {
     vec3_t centre; /* of a sphere and of an upright box about the scene */
     float radius;
     vec3_t half_sides; /* of the box, a little larger than the scene */
-    float chance;      /* of being chosen */
+    float chance;      /* of being chosen by lights_emit */
+    float view_ratio;  /* that by lights_illuminate over it */
+    uint32_t first_lesson;
+    light_guide_t *guide; /* NULL: none */
 } light_t;
 
 typedef struct {
@@ -124,6 +140,8 @@ typedef struct {
     bool (*escape)(const light_t *light, vec3_t point, vec3_t w, light_hit_t *out);
     /* As lights_enter; NULL for lights that have no portals. */
     float (*enter)(const light_t *light, vec3_t point);
+    /* What its guide cuts; NULL: nothing. */
+    guide_kind_t (*guided)(const light_t *light);
 } light_ops_t;
 
 /* Every kind of light, by its name in the blob: the one place that a new one is entered. */

@@ -2,10 +2,11 @@
  *
  * Points of a mesh are drawn uniformly by area. The triangle is chosen by stretching one of the numbers that
  * then draw the point, so that places drawn by well stratified numbers are well stratified, too; among many
- * triangles too little of the number would be left, and they are chosen by a number of their own. Quadrics are
- * sampled uniformly in their own space. Where the shape lets rays through (alpha), as much of the emission is missing. A light
- * that is unseen lets all rays through, and has all of its emission: no subpath runs into it, as into one
- * without extent. A picture lights nothing: it has no power, so that it is never chosen.
+ * triangles too little of the number would be left, and they are chosen by a number of their own. Quadrics
+ * are sampled uniformly in their own space. Where the shape lets rays through (alpha), as much of the
+ * emission is missing. A light that is unseen lets all rays through, and has all of its emission: no subpath
+ * runs into it, as into one without extent. A picture lights nothing: it has no power, so that it is never
+ * chosen.
  *
  * What sampling needs of each triangle is kept in one place: it would else take four dependent look-ups in
  * the blob and a square root.
@@ -29,11 +30,11 @@ typedef struct {
     const blob_shape_t *shape;
     const quadric_t *quadric; /* NULL: a mesh */
     double area;
-    uint32_t count;                   /* of triangles */
-    float up_to[STRETCHED_MOST];      /* share of the area of triangles 0 ... i; where they are few */
-    alias_t alias;                    /* where they are many */
-    bool plain;               /* emits the same everywhere, and nothing shines through */
-    bool curved;              /* has vertex normals, which tell the side */
+    uint32_t count;              /* of triangles */
+    float up_to[STRETCHED_MOST]; /* share of the area of triangles 0 ... i; where they are few */
+    alias_t alias;               /* where they are many */
+    bool plain;                  /* emits the same everywhere, and nothing shines through */
+    bool curved;                 /* has vertex normals, which tell the side */
     triangle_t triangles[];
 } area_state_t;
 
@@ -232,10 +233,16 @@ static rgb_t radiance_of_spot(const light_t *light, const spot_t *spot)
     return radiance_at(light, &surface, false);
 }
 
-/* Density, per steradian, of a ray that leaves at this cosine to the normal. */
-static float ray_pdf(const light_t *light, float cosine)
+/* Density, per steradian, of a ray that leaves at this cosine to the normal, without a guide */
+static float plain_ray_pdf(const light_t *light, float cosine)
 {
     return is_two_sided(light) ? fabsf(cosine) * (0.5f * INV_PI_F) : float_max(0, cosine) * INV_PI_F;
+}
+
+/* and with one, in direction w. */
+static float ray_pdf(const light_t *light, vec3_t w, float cosine)
+{
+    return light_guide_direction_pdf(light->guide, plain_ray_pdf(light, cosine), w);
 }
 
 static vec3_t offset(const spot_t *spot, vec3_t direction)
@@ -247,21 +254,28 @@ static vec3_t offset(const spot_t *spot, vec3_t direction)
 /* ---- the three ways -------------------------------------------------------------------------------------
  */
 
+/* A direction by the cosine, of a light that shines to both sides on either. */
+static vec3_t draw_direction(const light_t *light, vec3_t n, vec2_t u)
+{
+    if (is_two_sided(light)) {
+        if (u.x >= 0.5f) n = v_neg(n);
+        u.x = u.x < 0.5f ? 2 * u.x : 2 * u.x - 1;
+    }
+    vec3_t s, t, local = warp_cosine_hemisphere(u);
+    v_frame(n, &s, &t);
+    return v_add(v_add(v_scale(s, local.x), v_scale(t, local.y)), v_scale(n, local.z));
+}
+
 static bool emit(const light_t *light, float choice, vec2_t place, vec2_t ray, light_ray_t *out)
 {
     spot_t spot;
     sample_spot(light, choice, place, &spot);
-    float side = 1;
-    if (is_two_sided(light)) {
-        side = ray.x < 0.5f ? 1 : -1;
-        ray.x = ray.x < 0.5f ? 2 * ray.x : 2 * ray.x - 1;
-    }
-    vec3_t s, t, local = warp_cosine_hemisphere(ray), n = v_scale(spot.n, side);
-    v_frame(n, &s, &t);
-    out->direction = v_add(v_add(v_scale(s, local.x), v_scale(t, local.y)), v_scale(n, local.z));
+    if (!light_guide_direction(light->guide, &ray, &out->direction))
+        out->direction = draw_direction(light, spot.n, ray);
     float cosine = v_dot(spot.n, out->direction);
-    out->pdf_ray = ray_pdf(light, cosine);
-    if (!(out->pdf_ray > 0) || !(spot.pdf > 0)) return false;
+    if (!(plain_ray_pdf(light, cosine) > 0) || !(spot.pdf > 0)) return false;
+    out->pdf_ray = ray_pdf(light, out->direction, cosine);
+    out->start = light_guide_direction_start(out->direction, out->pdf_ray);
     out->delta = is_unseen(light);
     out->point = spot.p;
     out->origin = offset(&spot, out->direction);
@@ -286,7 +300,8 @@ static bool illuminate(const light_t *light, float choice, vec3_t point, vec2_t 
     out->delta = is_unseen(light);
     out->pdf_place = spot.pdf;
     out->geometry = fabsf(cosine) / distance2;
-    out->arrival = ray_pdf(light, cosine) / distance2;
+    out->arrival = ray_pdf(light, v_neg(out->w), cosine) / distance2;
+    out->plain_arrival = plain_ray_pdf(light, cosine) / distance2;
     return !v_is_zero(out->radiance) && spot.pdf > 0;
 }
 
@@ -295,7 +310,7 @@ bool light_area_hit(const light_t *light, const surface_t *surface, vec3_t wo, l
     float cosine = v_dot(surface->ng, wo);
     if (cosine <= 0 && !is_two_sided(light)) return false;
     out->radiance = radiance_at(light, surface, true);
-    out->pdf_ray = ray_pdf(light, cosine);
+    out->pdf_ray = ray_pdf(light, wo, cosine);
     const quadric_t *quadric = state_of(light)->quadric;
     if (quadric == NULL) {
         out->pdf_place = mesh_density(light);
@@ -307,4 +322,15 @@ bool light_area_hit(const light_t *light, const surface_t *surface, vec3_t wo, l
     return !v_is_zero(out->radiance);
 }
 
-const light_ops_t light_area = {prepare, release, power, emit, illuminate, NULL, NULL};
+static guide_kind_t guided(const light_t *light)
+{
+    (void)light;
+    return GUIDE_DIRECTIONS;
+}
+
+const light_ops_t light_area = {.prepare = prepare,
+                                .release = release,
+                                .power = power,
+                                .emit = emit,
+                                .illuminate = illuminate,
+                                .guided = guided};

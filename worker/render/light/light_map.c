@@ -162,9 +162,10 @@ float light_map_pdf(const light_map_t *map, vec3_t d)
     return pdf_at(map, place_of(map->mapping, d));
 }
 
-rgb_t light_map_look(const light_map_t *map, vec3_t d, float *pdf)
+rgb_t light_map_look(const light_map_t *map, vec3_t d, float *pdf, vec2_t *numbers)
 {
     vec2_t st = place_of(map->mapping, d);
+    *numbers = distribution_numbers(map->distribution, st);
     *pdf = pdf_at(map, st);
     return value_at(map, st);
 }

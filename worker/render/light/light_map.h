@@ -30,7 +30,7 @@ vec3_t light_map_sample(const light_map_t *map, vec2_t u, float *pdf);
 vec3_t light_map_draw(const light_map_t *map, vec2_t u, float *pdf, rgb_t *value);
 /* The density of light_map_sample at d. */
 float light_map_pdf(const light_map_t *map, vec3_t d);
-/* Value and density at once. */
-rgb_t light_map_look(const light_map_t *map, vec3_t d, float *pdf);
+/* Value and density at once, and the numbers that light_map_sample takes there. */
+rgb_t light_map_look(const light_map_t *map, vec3_t d, float *pdf, vec2_t *numbers);
 
 #endif

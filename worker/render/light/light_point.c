@@ -51,13 +51,28 @@ static void release(void *state)
     free(state);
 }
 
+/* Density, per steradian, of a ray in direction w, d in light space. */
+static float ray_pdf(const light_t *light, const beam_t *beam, vec3_t w, vec3_t d)
+{
+    float plain = beam->pdf(light, d) * warp_density_factor(&light->record->world_from_light, d);
+    return light_guide_direction_pdf(light->guide, plain, w);
+}
+
 static bool emit(const light_t *light, const beam_t *beam, vec2_t u, light_ray_t *out)
 {
-    vec3_t d = beam->draw(light, u, &out->pdf_ray);
-    out->pdf_ray *= warp_density_factor(&light->record->world_from_light, d);
+    vec3_t d;
+    float pdf;
+    if (light_guide_direction(light->guide, &u, &out->direction)) {
+        d = to_light(light, out->direction);
+    } else {
+        d = beam->draw(light, u, &pdf);
+        if (!(pdf > 0)) return false;
+        out->direction = to_world(light, d);
+    }
+    out->pdf_ray = ray_pdf(light, beam, out->direction, d);
     if (!(out->pdf_ray > 0)) return false;
+    out->start = light_guide_direction_start(out->direction, out->pdf_ray);
     out->origin = out->point = state_of(light)->position;
-    out->direction = to_world(light, d);
     out->pdf_place = light->chance;
     out->delta = true;
     out->throughput = v_scale(beam->intensity(light, d), 1 / (out->pdf_ray * light->chance));
@@ -71,11 +86,11 @@ static bool illuminate(const light_t *light, const beam_t *beam, vec3_t point, l
     float distance2 = v_length2(to);
     if (!(distance2 > 0)) return false;
     out->w = v_scale(to, 1 / sqrtf(distance2));
-    vec3_t d = to_light(light, v_neg(out->w));
+    vec3_t from = v_neg(out->w), d = to_light(light, from);
     out->radiance = beam->intensity(light, d);
     out->pdf_place = light->chance;
     out->geometry = 1 / distance2;
-    out->arrival = beam->pdf(light, d) * warp_density_factor(&light->record->world_from_light, d) / distance2;
+    out->arrival = ray_pdf(light, beam, from, d) / distance2;
     out->delta = true;
     return !v_is_zero(out->radiance);
 }
@@ -85,18 +100,23 @@ static double flux(const light_t *light, double steradians)
     return steradians * (double)rgb_luminance(light->record->radiance.factor);
 }
 
+static guide_kind_t guided(const light_t *light)
+{
+    (void)light;
+    return GUIDE_DIRECTIONS;
+}
+
 /* Every kind has the same pair of functions about its beam. */
 #define DEFINE_WAYS(name)                                                                                    \
-    static bool name##_emit(const light_t *light, float choice, vec2_t place, vec2_t ray,              \
-                            light_ray_t *out)                                                                \
+    static bool name##_emit(const light_t *light, float choice, vec2_t place, vec2_t ray, light_ray_t *out)  \
     {                                                                                                        \
-        (void)choice, (void)place;                                                                        \
+        (void)choice, (void)place;                                                                           \
         return emit(light, &name##_beam, ray, out);                                                          \
     }                                                                                                        \
-    static bool name##_illuminate(const light_t *light, float choice, vec3_t point, vec2_t place,      \
+    static bool name##_illuminate(const light_t *light, float choice, vec3_t point, vec2_t place,            \
                                   light_view_t *out)                                                         \
     {                                                                                                        \
-        (void)choice, (void)place;                                                                        \
+        (void)choice, (void)place;                                                                           \
         return illuminate(light, &name##_beam, point, out);                                                  \
     }
 
@@ -128,7 +148,12 @@ static double point_power(const light_t *light)
 
 static const beam_t point_beam = {point_intensity, point_draw, point_pdf};
 DEFINE_WAYS(point)
-const light_ops_t light_point = {prepare, release, point_power, point_emit, point_illuminate, NULL, NULL};
+const light_ops_t light_point = {.prepare = prepare,
+                                 .release = release,
+                                 .power = point_power,
+                                 .emit = point_emit,
+                                 .illuminate = point_illuminate,
+                                 .guided = guided};
 
 /* ---- spot ---------------------------------------------------------------------------------------------- */
 
@@ -171,7 +196,12 @@ static double spot_power(const light_t *light)
 
 static const beam_t spot_beam = {spot_intensity, spot_draw, spot_pdf};
 DEFINE_WAYS(spot)
-const light_ops_t light_spot = {prepare, release, spot_power, spot_emit, spot_illuminate, NULL, NULL};
+const light_ops_t light_spot = {.prepare = prepare,
+                                .release = release,
+                                .power = spot_power,
+                                .emit = spot_emit,
+                                .illuminate = spot_illuminate,
+                                .guided = guided};
 
 /* ---- goniometric --------------------------------------------------------------------------------------- */
 
@@ -197,8 +227,12 @@ static double goniometric_power(const light_t *light)
 
 static const beam_t goniometric_beam = {goniometric_intensity, goniometric_draw, goniometric_pdf};
 DEFINE_WAYS(goniometric)
-const light_ops_t light_goniometric = {
-    prepare, release, goniometric_power, goniometric_emit, goniometric_illuminate, NULL, NULL};
+const light_ops_t light_goniometric = {.prepare = prepare,
+                                       .release = release,
+                                       .power = goniometric_power,
+                                       .emit = goniometric_emit,
+                                       .illuminate = goniometric_illuminate,
+                                       .guided = guided};
 
 /* ---- projection ---------------------------------------------------------------------------------------- */
 
@@ -248,5 +282,9 @@ static double projection_power(const light_t *light)
 
 static const beam_t projection_beam = {projection_intensity, projection_draw, projection_pdf};
 DEFINE_WAYS(projection)
-const light_ops_t light_projection = {
-    prepare, release, projection_power, projection_emit, projection_illuminate, NULL, NULL};
+const light_ops_t light_projection = {.prepare = prepare,
+                                      .release = release,
+                                      .power = projection_power,
+                                      .emit = projection_emit,
+                                      .illuminate = projection_illuminate,
+                                      .guided = guided};

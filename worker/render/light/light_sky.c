@@ -55,15 +55,52 @@ static vec3_t faces_seen(const light_t *light, vec3_t w)
     return vec3(4 * fabsf(w.x) * h.y * h.z, 4 * fabsf(w.y) * h.z * h.x, 4 * fabsf(w.z) * h.x * h.y);
 }
 
-/* Of parallel rays along w that start on the box. */
-static float ray_pdf(const light_t *light, vec3_t w)
+static guide_kind_t guided(const light_t *light)
+{
+    if (light->record->kind == LIGHT_DISTANT) return GUIDE_PARALLEL;
+    return has_portal(light) ? GUIDE_NOTHING : GUIDE_SKY;
+}
+
+/* The square that guides cut lies across the direction w and covers the sphere about the scene. */
+static double square_area(const light_t *light)
+{
+    return 4 * (double)light->radius * (double)light->radius;
+}
+
+/* Where the line through the point along w crosses the square. */
+static vec2_t square_at(const light_t *light, vec3_t w, vec3_t point)
+{
+    vec3_t s, t, d = v_scale(v_sub(point, light->centre), 0.5f / light->radius);
+    v_frame(w, &s, &t);
+    return (vec2_t){0.5f + v_dot(d, s), 0.5f + v_dot(d, t)};
+}
+
+/* A point of that line before the scene. */
+static vec3_t square_point(const light_t *light, vec3_t w, vec2_t at)
+{
+    vec3_t s, t, from = v_mad(light->centre, light->radius, w);
+    float side = 2 * light->radius;
+    v_frame(w, &s, &t);
+    return v_mad(v_mad(from, side * (at.x - 0.5f), s), side * (at.y - 0.5f), t);
+}
+
+/* Density, per area across it, of a ray from direction w without a guide, */
+static float plain_ray_pdf(const light_t *light, vec3_t w)
 {
     vec3_t seen = faces_seen(light, w);
     return 1 / (seen.x + seen.y + seen.z);
 }
 
-/* A ray from the sky's direction w. It starts on one of the three faces of the box that w sees. */
-static void start_ray(const light_t *light, vec3_t w, vec2_t u, light_ray_t *out)
+/* and with one through the point, where such numbers draw the direction. */
+static float ray_pdf(const light_t *light, vec3_t w, vec2_t place, vec3_t point)
+{
+    float plain = plain_ray_pdf(light, w), area = (float)square_area(light);
+    if (light->guide == NULL) return plain;
+    return light_guide_square_pdf(light->guide, place, plain * area, square_at(light, w, point)) / area;
+}
+
+/* A point on one of the three faces of the box that w sees. */
+static vec3_t box_point(const light_t *light, vec3_t w, vec2_t u)
 {
     vec3_t seen = faces_seen(light, w), h = light->half_sides, at;
     float x = u.x * (seen.x + seen.y + seen.z), y = 2 * u.y - 1;
@@ -73,19 +110,35 @@ static void start_ray(const light_t *light, vec3_t w, vec2_t u, light_ray_t *out
         at = vec3(h.x * y, copysignf(h.y, w.y), h.z * (2 * (x - seen.x) / seen.y - 1));
     else
         at = vec3(h.x * (2 * float_min((x - seen.x - seen.y) / seen.z, 1) - 1), h.y * y, copysignf(h.z, w.z));
-    out->origin = v_add(light->centre, at);
+    return v_add(light->centre, at);
+}
+
+/* A ray from the sky's direction w, which was drawn by the numbers `place` with such a density. */
+static void start_ray(const light_t *light, vec3_t w, vec2_t place, float place_density, vec2_t u,
+                      light_ray_t *out)
+{
+    vec2_t at;
+    if (light_guide_square(light->guide, place, &u, &at)) {
+        out->origin = square_point(light, w, at);
+    } else {
+        out->origin = box_point(light, w, u);
+        at = square_at(light, w, out->origin);
+    }
     out->direction = v_neg(w);
-    out->pdf_ray = ray_pdf(light, w);
+    out->pdf_ray = ray_pdf(light, w, place, out->origin);
+    float density = place_density * out->pdf_ray * (float)square_area(light);
+    out->start = light_guide_square_start(guided(light), place, at, density);
     out->at_infinity = true;
 }
 
-/* A shadow ray to the direction w leaves the scene. */
-static void look_at(const light_t *light, vec3_t point, vec3_t w, light_view_t *out)
+/* A shadow ray to the direction w, which was drawn by the numbers `place`, leaves the scene. */
+static void look_at(const light_t *light, vec3_t point, vec3_t w, vec2_t place, light_view_t *out)
 {
     out->w = w;
     out->target = v_mad(point, v_length(v_sub(point, light->centre)) + 2 * light->radius, w);
     out->geometry = 1;
-    out->arrival = ray_pdf(light, w);
+    out->arrival = ray_pdf(light, w, place, point);
+    out->plain_arrival = plain_ray_pdf(light, w);
     out->at_infinity = true;
 }
 
@@ -94,7 +147,7 @@ static void look_at(const light_t *light, vec3_t point, vec3_t w, light_view_t *
 static bool distant_emit(const light_t *light, float choice, vec2_t place, vec2_t ray, light_ray_t *out)
 {
     (void)choice, (void)place;
-    start_ray(light, state_of(light)->towards, ray, out);
+    start_ray(light, state_of(light)->towards, (vec2_t){0, 0}, 1, ray, out);
     out->pdf_place = light->chance;
     out->delta = true;
     out->throughput = v_scale(light->record->radiance.factor, 1 / (out->pdf_ray * light->chance));
@@ -105,7 +158,7 @@ static bool distant_illuminate(const light_t *light, float choice, vec3_t point,
                                light_view_t *out)
 {
     (void)choice, (void)place;
-    look_at(light, point, state_of(light)->towards, out);
+    look_at(light, point, state_of(light)->towards, (vec2_t){0, 0}, out);
     out->radiance = light->record->radiance.factor;
     out->pdf_place = light->chance;
     out->delta = true;
@@ -117,8 +170,12 @@ static double distant_power(const light_t *light)
     return disc_area(light) * (double)rgb_luminance(light->record->radiance.factor);
 }
 
-const light_ops_t light_distant = {prepare, release, distant_power, distant_emit, distant_illuminate,
-                                   NULL,    NULL};
+const light_ops_t light_distant = {.prepare = prepare,
+                                   .release = release,
+                                   .power = distant_power,
+                                   .emit = distant_emit,
+                                   .illuminate = distant_illuminate,
+                                   .guided = guided};
 
 /* ---- infinite ------------------------------------------------------------------------------------------ */
 
@@ -184,10 +241,14 @@ static bool infinite_emit(const light_t *light, float choice, vec2_t place, vec2
 {
     (void)choice;
     if (has_portal(light)) return portal_emit(light, place, ray, out);
+    float density;
+    place = light_guide_place(light->guide, place, &density);
     rgb_t radiance;
     vec3_t w = infinite_draw(light, place, &out->pdf_place, &radiance);
+    out->pdf_place *= density;
+    out->view_ratio /= density;
     if (!(out->pdf_place > 0)) return false;
-    start_ray(light, w, ray, out);
+    start_ray(light, w, place, density, ray, out);
     out->throughput = v_scale(radiance, 1 / (out->pdf_place * out->pdf_ray));
     return !v_is_zero(out->throughput);
 }
@@ -212,8 +273,8 @@ static bool portal_illuminate(const light_t *light, vec3_t point, vec2_t place, 
     vec3_t w = light_portal_sample(portal, &view, place, &out->pdf_place);
     out->pdf_place *= light->chance;
     if (!(out->pdf_place > 0)) return false;
-    look_at(light, point, w, out);
-    out->arrival = portal_arrival(portal, &view, w);
+    look_at(light, point, w, place, out);
+    out->arrival = out->plain_arrival = portal_arrival(portal, &view, w);
     out->radiance = infinite_radiance(light, w);
     return !v_is_zero(out->radiance);
 }
@@ -223,9 +284,12 @@ static bool infinite_illuminate(const light_t *light, float choice, vec3_t point
 {
     (void)choice;
     if (has_portal(light)) return portal_illuminate(light, point, place, out);
+    float density = light_guide_place_pdf(light->guide, place);
     vec3_t w = infinite_draw(light, place, &out->pdf_place, &out->radiance);
+    out->pdf_place *= density;
+    out->view_ratio /= density;
     if (!(out->pdf_place > 0)) return false;
-    look_at(light, point, w, out);
+    look_at(light, point, w, place, out);
     return !v_is_zero(out->radiance);
 }
 
@@ -244,16 +308,21 @@ static bool portal_escape(const light_t *light, vec3_t point, vec3_t w, light_hi
 static bool infinite_escape(const light_t *light, vec3_t point, vec3_t w, light_hit_t *out)
 {
     if (has_portal(light)) return portal_escape(light, point, w, out);
-    out->pdf_ray = ray_pdf(light, w);
+    vec2_t place; /* the numbers that would have drawn it */
     if (light->record->image == 0) {
         out->radiance = light->record->radiance.factor;
         out->pdf_place = light->chance * (0.25f * INV_PI_F);
+        place = warp_sphere_numbers(w);
     } else {
         float pdf;
         vec3_t d = to_light_space(light, w);
-        out->radiance = tinted(light, light_map_look(&state_of(light)->map, d, &pdf));
+        out->radiance = tinted(light, light_map_look(&state_of(light)->map, d, &pdf, &place));
         out->pdf_place = light->chance * pdf * warp_density_factor(&light->record->world_from_light, d);
     }
+    float density = light_guide_place_pdf(light->guide, place);
+    out->pdf_place *= density;
+    out->view_ratio /= density;
+    out->pdf_ray = ray_pdf(light, w, place, point);
     return !v_is_zero(out->radiance);
 }
 
@@ -275,5 +344,11 @@ static float infinite_enter(const light_t *light, vec3_t point)
     return light_portal_look(portal, point, &view) ? portal_enter(portal, &view) : 0;
 }
 
-const light_ops_t light_infinite = {infinite_prepare,    release,         infinite_power, infinite_emit,
-                                    infinite_illuminate, infinite_escape, infinite_enter};
+const light_ops_t light_infinite = {.prepare = infinite_prepare,
+                                    .release = release,
+                                    .power = infinite_power,
+                                    .emit = infinite_emit,
+                                    .illuminate = infinite_illuminate,
+                                    .escape = infinite_escape,
+                                    .enter = infinite_enter,
+                                    .guided = guided};

@@ -280,3 +280,31 @@ float distribution_pdf(const distribution_t *d, vec2_t at)
     return table != NULL ? table[side + (size_t)(y % side) * side + x % side].density
                          : d->columns[block].density;
 }
+
+/* The number that invert takes to a part of a cell. */
+static float revert(const cell_t *cells, uint32_t cell, float part)
+{
+    float before = cell > 0 ? cells[cell - 1].cumulative : 0;
+    return float_min(before + part * (cells[cell].cumulative - before), 0x1.fffffep-1f);
+}
+
+/* The part of cell `cell` of `count` that a coordinate lies at. */
+static float part_at(float at, uint32_t cell, uint32_t count)
+{
+    return float_clamp(at * (float)count - (float)cell, 0, 1);
+}
+
+vec2_t distribution_numbers(const distribution_t *d, vec2_t at)
+{
+    uint32_t x = cell_of(at.x, d->width), y = cell_of(at.y, d->height), side = d->side;
+    uint32_t outer_x = x / side, outer_y = y / side;
+    size_t start = (size_t)outer_y * d->across;
+    const cell_t *table = table_of(d, start + outer_x);
+    vec2_t part = {part_at(at.x, outer_x, d->across), part_at(at.y, outer_y, d->down)};
+    if (table != NULL) {
+        const cell_t *row = table + side + (size_t)(y % side) * side;
+        part.x = revert(row, x % side, part_at(at.x, x, d->width));
+        part.y = revert(table, y % side, part_at(at.y, y, d->height));
+    }
+    return (vec2_t){revert(d->columns + start, outer_x, part.x), revert(d->rows, outer_y, part.y)};
+}

@@ -29,4 +29,7 @@ vec2_t distribution_sample(const distribution_t *distribution, vec2_t u, float *
 /* The density of distribution_sample at a point of [0, 1]^2; points outside belong to the nearest cell. */
 float distribution_pdf(const distribution_t *distribution, vec2_t at);
 
+/* The numbers that distribution_sample takes to a point, but for rounding. */
+vec2_t distribution_numbers(const distribution_t *distribution, vec2_t at);
+
 #endif

@@ -29,6 +29,13 @@ static inline vec3_t warp_sphere(vec2_t u)
     return vec3(r * cosf(phi), r * sinf(phi), z);
 }
 
+/* The numbers that warp_sphere takes to a unit direction. */
+static inline vec2_t warp_sphere_numbers(vec3_t w)
+{
+    float turn = atan2f(w.y, w.x) * (0.5f * INV_PI_F);
+    return (vec2_t){float_clamp(0.5f - 0.5f * w.z, 0, 1), turn < 0 ? turn + 1 : turn};
+}
+
 /* Uniform barycentric coordinates (b1, b2) of a triangle, low distortion (Heitz 2019, "A Low-Distortion Map
  * Between Triangle and Square"). */
 static inline vec2_t warp_triangle(vec2_t u)

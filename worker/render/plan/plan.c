@@ -1,0 +1,231 @@
+/* plan: see plan.h.
+ *
+ * DESIGN. Of what the lessons say of each start (light_guide.h) follows how many light subpaths a sample is
+ * to have: from 1 down to LEAST_SHARE. Never less: what only light subpaths find would not be missed by any
+ * number that is known here.
+ *
+ * After the first passes what is learned is known well enough, and only some of the pixels go on to teach.
+ */
+#include "worker/render/plan/plan.h"
+
+#include "worker/render/integrator/lessons.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+struct plan {
+    setup_t setup;
+    lights_t *lights;
+};
+
+static const double LEAST_SHARE = 1.0 / 8;
+/* What a sample costs beside its rays, in rays. */
+static const double SAMPLE_COST = 2;
+/* Samples of a pass that teach: about so many a pixel, in the mean. */
+enum { TAUGHT_SAMPLES = 8 };
+
+/* ---- how bright the picture is ------------------------------------------------------------------------- */
+
+enum { PARTS = BRIGHTNESS_SIDE * BRIGHTNESS_SIDE };
+
+/* A part of the film. */
+static uint32_t part_of(const job_settings_t *settings, uint32_t x, uint32_t y)
+{
+    return y * BRIGHTNESS_SIDE / (uint32_t)settings->height * BRIGHTNESS_SIDE +
+           x * BRIGHTNESS_SIDE / (uint32_t)settings->width;
+}
+
+/* Something bright that was seen in a part. */
+typedef struct {
+    uint32_t part;
+    float value;
+} sight_t;
+
+/* A few looks at the picture, by samples that are not of it. */
+typedef struct {
+    const setup_t *setup;
+    uint32_t count;
+    sight_t *eye; /* [count] */
+    size_t splat_count;
+    sight_t *splats; /* brightness of a part if all its pixels shared what these looks brought */
+} looks_t;
+
+static float usable(rgb_t value)
+{
+    float most = v_max(value);
+    return most > 0 && most < INFINITY ? most : 0;
+}
+
+static void look(looks_t *looks, const integrator_ops_t *integrator, uint32_t i, unit_result_t *result)
+{
+    const job_settings_t *settings = &looks->setup->settings;
+    uint32_t width = (uint32_t)settings->width, height = (uint32_t)settings->height;
+    uint32_t pixel = (uint32_t)(sampler_mix(settings->seed + i) % ((uint64_t)width * height));
+    sample_t sample = {.setup = looks->setup,
+                       .pixel_x = pixel % width,
+                       .pixel_y = pixel / width,
+                       .sample = UINT32_MAX,
+                       .numbers = sampler_new(SAMPLER_INDEPENDENT, settings->seed, i, UINT32_MAX),
+                       .result = result};
+    sample.time = sample_time(&sample);
+    float value = usable(integrator->sample(&sample));
+    looks->eye[i] = (sight_t){part_of(settings, sample.pixel_x, sample.pixel_y), value};
+    looks->splats =
+        mem_realloc(looks->splats, (looks->splat_count + result->splat_count + 1) * sizeof(sight_t));
+    for (size_t k = 0; k < result->splat_count; k++) {
+        const splat_t *splat = &result->splats[k];
+        uint32_t at = splat->pixel & SPLAT_PIXEL_MASK;
+        looks->splats[looks->splat_count++] = (sight_t){
+            part_of(settings, at % width, at / width),
+            usable(vec3(splat->rgb[0], splat->rgb[1], splat->rgb[2])) * PARTS / (float)looks->count};
+    }
+    result->splat_count = 0;
+}
+
+/* The mean of what was seen in the parts; each sight counts up to a bound, since one that is far brighter
+ * than the rest would say it of its whole part. */
+static void sum_up(const looks_t *looks, float *inverse)
+{
+    float roots = 0, sums[PARTS] = {0}, counts[PARTS] = {0};
+    for (uint32_t i = 0; i < looks->count; i++) roots += sqrtf(looks->eye[i].value);
+    float typical = (roots / (float)looks->count) * (roots / (float)looks->count);
+    for (uint32_t i = 0; i < looks->count; i++) {
+        sums[looks->eye[i].part] += float_min(looks->eye[i].value, 32 * typical);
+        counts[looks->eye[i].part]++;
+    }
+    for (int i = 0; i < PARTS; i++) sums[i] = (sums[i] + typical) / (counts[i] + 1) + 0.1f * typical;
+    for (size_t i = 0; i < looks->splat_count; i++)
+        sums[looks->splats[i].part] += float_min(looks->splats[i].value, typical);
+    for (int i = 0; i < PARTS; i++) inverse[i] = sums[i] > 0 ? 1 / sums[i] : 0;
+}
+
+static void look_at_picture(const setup_t *setup, const integrator_ops_t *integrator, float *inverse)
+{
+    enum { LEAST = 64, MOST = 4096, PIXELS = 16 /* for each look */ };
+    uint32_t count = (uint32_t)(setup->settings.width * setup->settings.height / PIXELS);
+    looks_t looks = {.setup = setup, .count = count < LEAST ? LEAST : count < MOST ? count : MOST};
+    looks.eye = mem_alloc(looks.count * sizeof *looks.eye);
+    unit_result_t result = {0};
+    for (uint32_t i = 0; i < looks.count; i++) look(&looks, integrator, i, &result);
+    sum_up(&looks, inverse);
+    unit_result_free(&result);
+    free(looks.eye);
+    free(looks.splats);
+}
+
+void plan_prepare(setup_t *setup, lights_t *lights, const integrator_ops_t *integrator,
+                  float inverse_brightness[BRIGHTNESS_SIDE * BRIGHTNESS_SIDE])
+{
+    lights_learn(lights, LEARNING_PLACES - LESSON_LIGHTS);
+    look_at_picture(setup, integrator, inverse_brightness);
+    setup->inverse_brightness = inverse_brightness;
+    setup->teaching_mask = 0;
+}
+
+/* ---- what samples have without light subpaths ---------------------------------------------------------- */
+
+static uint32_t pass_samples(const job_settings_t *settings, uint32_t pass)
+{
+    return learning_pass_begin(settings, pass + 1) - learning_pass_begin(settings, pass);
+}
+
+static uint32_t teaching_mask(const job_settings_t *settings, uint32_t pass)
+{
+    if (pass >= learning_taught(settings)) return LESSON_NOBODY;
+    uint32_t mask = 0;
+    while (pass_samples(settings, pass) / (mask + 1) > TAUGHT_SAMPLES && mask < LESSON_MOST_MASK)
+        mask = 2 * mask + 1;
+    return mask;
+}
+
+/* Samples in the lessons. */
+typedef struct {
+    double all;
+    double blocks[LESSON_BLOCKS_SIDE * LESSON_BLOCKS_SIDE];
+} taught_t;
+
+static void count_taught(const job_settings_t *settings, uint32_t teachers, taught_t *taught)
+{
+    double samples[LESSON_MOST_MASK + 1] = {0}; /* of a pixel, by what decides whether it teaches */
+    *taught = (taught_t){0};
+    for (uint32_t pass = 0; pass < teachers; pass++)
+        for (uint32_t i = 0; i <= LESSON_MOST_MASK; i++)
+            if ((i & teaching_mask(settings, pass)) == 0) samples[i] += pass_samples(settings, pass);
+    for (uint32_t y = 0; y < (uint32_t)settings->height; y++)
+        for (uint32_t x = 0; x < (uint32_t)settings->width; x++) {
+            double n = samples[lesson_turn(x, y) & LESSON_MOST_MASK];
+            taught->all += n;
+            taught->blocks[lesson_block(settings, x, y)] += n;
+        }
+}
+
+/* The noise of a sample without light subpaths: what its squares have more than those of the means of
+ * blocks. */
+static double own_noise(const double *lessons, const taught_t *taught)
+{
+    const double unit = 1.0 / (1 << LESSON_BITS);
+    double squares = lessons[LESSON_OWN_SQUARES] * unit, free = taught->all;
+    for (uint32_t i = 0; i < ARRAY_LENGTH(taught->blocks); i++) {
+        double n = taught->blocks[i], sum = lessons[LESSON_OWN + i] * unit;
+        if (!(n > 0)) continue;
+        squares -= sum * sum / n;
+        free--;
+    }
+    return free > 0 ? fmax(squares / free, 1e-3) : 1;
+}
+
+static double own_rays(const double *lessons, const taught_t *taught)
+{
+    return lessons[LESSON_OWN_RAYS] / (1 << LESSON_RAY_BITS) / taught->all;
+}
+
+/* How many light subpaths a sample is to have of starts that are worth 1 (light_guide.h). */
+static double find_reach(const double *lessons, const taught_t *taught)
+{
+    double cost = own_rays(lessons, taught) + SAMPLE_COST;
+    return sqrt(cost / own_noise(lessons, taught));
+}
+
+/* ---- the plan ------------------------------------------------------------------------------------------ */
+
+/* The lessons of all passes, in fresh memory. */
+static double *sum_lessons(const learning_plan_t *plan)
+{
+    double *sums = mem_zalloc(LEARNING_PLACES, sizeof *sums);
+    for (uint32_t pass = 0; pass < plan->teachers; pass++)
+        for (size_t i = 0; i < LEARNING_PLACES; i++)
+            sums[i] += (double)plan->lessons[(size_t)LEARNING_PLACES * pass + i];
+    return sums;
+}
+
+plan_t *plan_new(const setup_t *setup, const learning_plan_t *learned)
+{
+    taught_t *taught = mem_alloc(sizeof *taught);
+    double *lessons = sum_lessons(learned);
+    count_taught(&setup->settings, learned->teachers, taught);
+    plan_t *plan = mem_zalloc(1, sizeof *plan);
+    plan->setup = *setup;
+    double reach = find_reach(lessons, taught);
+    plan->lights = lights_guided(setup->lights, lessons + LESSON_LIGHTS, taught->all, reach, LEAST_SHARE,
+                                 &plan->setup.light_share);
+    plan->setup.lights = plan->lights;
+    plan->setup.teaching_mask = teaching_mask(&setup->settings, learned->pass);
+    log_debug("plan of pass %u: own noise %.3f at %.2f rays; %.3f light subpaths a sample", learned->pass,
+              own_noise(lessons, taught), own_rays(lessons, taught), (double)plan->setup.light_share);
+    free(lessons);
+    free(taught);
+    return plan;
+}
+
+void plan_destroy(plan_t **plan)
+{
+    if (*plan == NULL) return;
+    lights_destroy(&(*plan)->lights);
+    free(*plan);
+    *plan = NULL;
+}
+
+const setup_t *plan_setup(const plan_t *plan)
+{
+    return &plan->setup;
+}
