@@ -83,11 +83,11 @@ result_t renderer_new(const scene_blob_t *blob, const job_settings_t *settings, 
     return result_ok();
 }
 
-void renderer_plan(renderer_t *renderer, const learning_plan_t *lessons)
+void renderer_plan(renderer_t *renderer, const learning_plan_t *plan)
 {
-    if (atomic_load(&renderer->plans[lessons->pass]) != NULL) return;
+    if (atomic_load(&renderer->plans[plan->pass]) != NULL) return;
     flush_denormals();
-    atomic_store(&renderer->plans[lessons->pass], plan_new(&renderer->setup, lessons));
+    atomic_store(&renderer->plans[plan->pass], plan_new(&renderer->setup, plan));
 }
 
 /* The setup that a unit is rendered with. */

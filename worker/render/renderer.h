@@ -17,7 +17,7 @@ typedef struct renderer renderer_t;
 result_t renderer_new(const scene_blob_t *blob, const job_settings_t *settings, renderer_t **renderer);
 /* Makes the plan ready that units of its pass are rendered by, of a job that learns. Threads may render units
  * of other passes meanwhile; not more than one at a time may call this. What the plan points to is copied. */
-void renderer_plan(renderer_t *renderer, const learning_plan_t *lessons);
+void renderer_plan(renderer_t *renderer, const learning_plan_t *plan);
 /* Bytes that a renderer of this scene takes beside the blob, roughly. */
 uint64_t renderer_memory(const scene_blob_t *blob);
 /* Frees the renderer and sets *renderer to NULL. */

@@ -31,7 +31,7 @@ typedef struct {
     float density;       /* of the start of the light subpath; 0: none */
     uint32_t lessons[2]; /* of that start */
     float brought;       /* by the light subpath: squares, in terms of how bright the picture is there */
-    rgb_t own;           /* of `radiance` what needs no light subpath */
+    rgb_t own;           /* of `radiance` what needs no light subpath, and is not a light seen directly */
     uint64_t light_rays; /* that the light subpath took, with all that is joined to it */
     int light_count;     /* stored light vertices, in the order of the subpath */
     vertex_t light[MAX_VERTICES];
@@ -85,7 +85,6 @@ static void trace_light_subpath(bidirectional_t *b)
 static inline void add_radiance(bidirectional_t *b, rgb_t value, uint32_t light)
 {
     b->radiance = v_add(b->radiance, value);
-    b->own = v_add(b->own, value);
     sample_lit(b->sample, light, value);
 }
 
@@ -158,8 +157,9 @@ static void hit_lights(bidirectional_t *b, const walk_t *walk, const vertex_t *z
         float count = hit.view_ratio * light_count(b->setup, hit.light, walk->first);
         float share = z->depth == 1 ? 0 : mis_share_counted(z, hit.pdf_place, hit.pdf_ray, count);
         float weight = weight_of(b, share);
-        add_radiance(b, v_scale(v_mul(z->throughput, hit.radiance), weight), hit.light);
-        if (z->depth == 1) b->own = vec3(0, 0, 0); /* what is seen directly is hardly noise */
+        rgb_t value = v_scale(v_mul(z->throughput, hit.radiance), weight);
+        add_radiance(b, value, hit.light);
+        if (z->depth > 1) b->own = v_add(b->own, value);
     }
 }
 

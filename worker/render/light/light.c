@@ -52,6 +52,7 @@ static void place_lights(lights_t *lights, const scene_t *scene)
                            .radius = radius,
                            .half_sides = half_sides};
         const light_ops_t *kind = kinds[light->record->kind];
+        if (!(light->record->flags & LIGHT_PORTAL)) light->guide_kind = kind->guide;
         if (kind->prepare != NULL) light->state = kind->prepare(light);
         if (kind->escape != NULL) lights->sky[lights->sky_count++] = i;
     }
@@ -110,12 +111,6 @@ void lights_destroy(lights_t **lights)
 
 /* ---- learning ------------------------------------------------------------------------------------------ */
 
-static guide_kind_t guide_kind(const light_t *light)
-{
-    const light_ops_t *kind = kinds[light->record->kind];
-    return kind->guided != NULL ? kind->guided(light) : GUIDE_NOTHING;
-}
-
 /* By falling chance; the same ones by their number. */
 static int chance_order(const void *a, const void *b)
 {
@@ -132,7 +127,7 @@ void lights_learn(lights_t *lights, uint32_t room)
     qsort(order, lights->count, sizeof *order, chance_order);
     for (uint32_t i = 0; i < lights->count; i++) {
         light_t *light = &lights->lights[order[i] - lights->lights];
-        uint32_t lessons = 2 * light_guide_cells(guide_kind(light));
+        uint32_t lessons = 2 * light_guide_cells(light->guide_kind);
         light->first_lesson = NO_LESSON;
         if (!(light->chance > 0) || lessons > room - taken) continue;
         light->first_lesson = taken;
@@ -172,7 +167,7 @@ lights_t *lights_guided(const lights_t *base, const double *lessons, double samp
         light_t *light = &lights->lights[i];
         *light = base->lights[i];
         if (light->first_lesson == NO_LESSON) continue;
-        light->guide = light_guide_new(guide_kind(light), lessons + light->first_lesson, samples, &worths[i]);
+        light->guide = light_guide_new(light->guide_kind, lessons + light->first_lesson, samples, &worths[i]);
         sum += worths[i];
         known += (double)light->chance;
     }
@@ -199,7 +194,7 @@ bool lights_emit(const lights_t *lights, float choice, vec2_t place, vec2_t ray,
     if (!kinds[light->record->kind]->emit(light, choice, place, ray, out)) return false;
     out->start.density *= light->first_lesson == NO_LESSON ? 0 : light->chance;
     out->lessons[0] = light->first_lesson + out->start.cell;
-    out->lessons[1] = out->lessons[0] + light_guide_cells(guide_kind(light));
+    out->lessons[1] = out->lessons[0] + light_guide_cells(light->guide_kind);
     return true;
 }
 

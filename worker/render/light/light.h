@@ -14,7 +14,8 @@
  *
  * Most of what one sees is lit directly, and the first vertex of an eye subpath that scatters by more than
  * mirrors and clear glass is where that shows. For it lights_illuminate_first draws several places, one on
- * each light where they are few. So they are denser there (`density`), and weights must know it.
+ * each light where they are few and none is a sky. So they are denser there (`density`), and weights must
+ * know it.
  *
  * A new kind of light is one file light_*.c and one entry in LIGHT_KINDS below.
  */
@@ -122,6 +123,7 @@ typedef struct {
     vec3_t half_sides; /* of the box, a little larger than the scene */
     float chance;      /* of being chosen by lights_emit */
     float view_ratio;  /* that by lights_illuminate over it */
+    guide_kind_t guide_kind;
     uint32_t first_lesson;
     light_guide_t *guide; /* NULL: none */
 } light_t;
@@ -140,8 +142,7 @@ typedef struct {
     bool (*escape)(const light_t *light, vec3_t point, vec3_t w, light_hit_t *out);
     /* As lights_enter; NULL for lights that have no portals. */
     float (*enter)(const light_t *light, vec3_t point);
-    /* What its guide cuts; NULL: nothing. */
-    guide_kind_t (*guided)(const light_t *light);
+    guide_kind_t guide; /* what its guide cuts, but of skies behind portals, which have none */
 } light_ops_t;
 
 /* Every kind of light, by its name in the blob: the one place that a new one is entered. */

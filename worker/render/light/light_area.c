@@ -322,15 +322,9 @@ bool light_area_hit(const light_t *light, const surface_t *surface, vec3_t wo, l
     return !v_is_zero(out->radiance);
 }
 
-static guide_kind_t guided(const light_t *light)
-{
-    (void)light;
-    return GUIDE_DIRECTIONS;
-}
-
 const light_ops_t light_area = {.prepare = prepare,
                                 .release = release,
                                 .power = power,
                                 .emit = emit,
                                 .illuminate = illuminate,
-                                .guided = guided};
+                                .guide = GUIDE_DIRECTIONS};

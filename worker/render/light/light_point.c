@@ -100,12 +100,6 @@ static double flux(const light_t *light, double steradians)
     return steradians * (double)rgb_luminance(light->record->radiance.factor);
 }
 
-static guide_kind_t guided(const light_t *light)
-{
-    (void)light;
-    return GUIDE_DIRECTIONS;
-}
-
 /* Every kind has the same pair of functions about its beam. */
 #define DEFINE_WAYS(name)                                                                                    \
     static bool name##_emit(const light_t *light, float choice, vec2_t place, vec2_t ray, light_ray_t *out)  \
@@ -153,7 +147,7 @@ const light_ops_t light_point = {.prepare = prepare,
                                  .power = point_power,
                                  .emit = point_emit,
                                  .illuminate = point_illuminate,
-                                 .guided = guided};
+                                 .guide = GUIDE_DIRECTIONS};
 
 /* ---- spot ---------------------------------------------------------------------------------------------- */
 
@@ -201,7 +195,7 @@ const light_ops_t light_spot = {.prepare = prepare,
                                 .power = spot_power,
                                 .emit = spot_emit,
                                 .illuminate = spot_illuminate,
-                                .guided = guided};
+                                .guide = GUIDE_DIRECTIONS};
 
 /* ---- goniometric --------------------------------------------------------------------------------------- */
 
@@ -232,7 +226,7 @@ const light_ops_t light_goniometric = {.prepare = prepare,
                                        .power = goniometric_power,
                                        .emit = goniometric_emit,
                                        .illuminate = goniometric_illuminate,
-                                       .guided = guided};
+                                       .guide = GUIDE_DIRECTIONS};
 
 /* ---- projection ---------------------------------------------------------------------------------------- */
 
@@ -287,4 +281,4 @@ const light_ops_t light_projection = {.prepare = prepare,
                                       .power = projection_power,
                                       .emit = projection_emit,
                                       .illuminate = projection_illuminate,
-                                      .guided = guided};
+                                      .guide = GUIDE_DIRECTIONS};

@@ -55,12 +55,6 @@ static vec3_t faces_seen(const light_t *light, vec3_t w)
     return vec3(4 * fabsf(w.x) * h.y * h.z, 4 * fabsf(w.y) * h.z * h.x, 4 * fabsf(w.z) * h.x * h.y);
 }
 
-static guide_kind_t guided(const light_t *light)
-{
-    if (light->record->kind == LIGHT_DISTANT) return GUIDE_PARALLEL;
-    return has_portal(light) ? GUIDE_NOTHING : GUIDE_SKY;
-}
-
 /* The square that guides cut lies across the direction w and covers the sphere about the scene. */
 static double square_area(const light_t *light)
 {
@@ -127,7 +121,7 @@ static void start_ray(const light_t *light, vec3_t w, vec2_t place, float place_
     out->direction = v_neg(w);
     out->pdf_ray = ray_pdf(light, w, place, out->origin);
     float density = place_density * out->pdf_ray * (float)square_area(light);
-    out->start = light_guide_square_start(guided(light), place, at, density);
+    out->start = light_guide_square_start(light->guide_kind, place, at, density);
     out->at_infinity = true;
 }
 
@@ -175,7 +169,7 @@ const light_ops_t light_distant = {.prepare = prepare,
                                    .power = distant_power,
                                    .emit = distant_emit,
                                    .illuminate = distant_illuminate,
-                                   .guided = guided};
+                                   .guide = GUIDE_PARALLEL};
 
 /* ---- infinite ------------------------------------------------------------------------------------------ */
 
@@ -351,4 +345,4 @@ const light_ops_t light_infinite = {.prepare = infinite_prepare,
                                     .illuminate = infinite_illuminate,
                                     .escape = infinite_escape,
                                     .enter = infinite_enter,
-                                    .guided = guided};
+                                    .guide = GUIDE_SKY};

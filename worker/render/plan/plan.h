@@ -14,7 +14,7 @@ typedef struct plan plan_t;
 void plan_prepare(setup_t *setup, lights_t *lights, const integrator_ops_t *integrator,
                   float inverse_brightness[BRIGHTNESS_SIDE * BRIGHTNESS_SIDE]);
 /* The setup of a pass whose plan this is. `setup` is the one that was prepared; it must outlive the plan. */
-plan_t *plan_new(const setup_t *setup, const learning_plan_t *lessons);
+plan_t *plan_new(const setup_t *setup, const learning_plan_t *learned);
 /* Frees the plan and sets *plan to NULL. */
 void plan_destroy(plan_t **plan);
 const setup_t *plan_setup(const plan_t *plan);
