@@ -64,6 +64,14 @@ result_t batch_check_counts(const batch_t *batch)
 
 /* ---- the result of a unit ------------------------------------------------------------------------------ */
 
+static void forget_lessons(unit_result_t *result)
+{
+    for (size_t i = 0; i < LESSON_GROUPS; i++)
+        if (result->taught[i])
+            memset(result->lessons + i * LESSON_GROUP, 0, LESSON_GROUP * sizeof *result->lessons);
+    memset(result->taught, 0, sizeof result->taught);
+}
+
 void unit_result_reset(unit_result_t *result, const job_settings_t *settings, const unit_t *unit)
 {
     for (sum_kind_t k = 0; k < BATCH_SUMS; k++) {
@@ -75,8 +83,8 @@ void unit_result_reset(unit_result_t *result, const job_settings_t *settings, co
     result->unit = *unit;
     result->splat_count = 0;
     if (job_learns(settings) && result->lessons == NULL)
-        result->lessons = mem_alloc(LEARNING_PLACES * sizeof *result->lessons);
-    if (result->lessons != NULL) memset(result->lessons, 0, LEARNING_PLACES * sizeof *result->lessons);
+        result->lessons = mem_zalloc(LEARNING_PLACES, sizeof *result->lessons);
+    forget_lessons(result);
     result->counts = (film_counts_t){0};
 }
 
@@ -194,7 +202,10 @@ static void add_lessons(batch_t *batch, const unit_result_t *result)
     uint32_t pass = learning_pass(&batch->settings, result->unit.first);
     if (pass >= sum_planes(&batch->settings, SUM_LESSONS)) return;
     int64_t *plane = batch_frame(batch, SUM_LESSONS) + (size_t)pass * LEARNING_PLACES;
-    for (size_t i = 0; i < LEARNING_PLACES; i++) plane[i] += (int64_t)result->lessons[i];
+    for (size_t i = 0; i < LEARNING_PLACES; i += LESSON_GROUP) {
+        if (!result->taught[i / LESSON_GROUP]) continue;
+        for (size_t k = i; k < i + LESSON_GROUP; k++) plane[k] += (int64_t)result->lessons[k];
+    }
 }
 
 static void append_units(batch_t *batch, const unit_t *units, size_t count)

@@ -49,19 +49,29 @@ static inline size_t splat_group(const splat_t *splat)
     return (splat->pixel & ~SPLAT_HALF_BIT) >> SPLAT_GROUP_SHIFT;
 }
 
+/* A unit teaches few places: which of so many groups of them it did is noted, so that others cost nothing. */
+enum { LESSON_GROUP = 64, LESSON_GROUPS = LEARNING_PLACES / LESSON_GROUP };
+
 /* The result of one unit, in memory that is reused from unit to unit. */
 typedef struct {
     unit_t unit;
     sum_array_t sums[BATCH_SUMS]; /* the unit's tile of each; none of what it does not have */
     splat_t *splats;              /* in the order they were made */
     size_t splat_count, splat_capacity;
-    uint64_t *lessons; /* [LEARNING_PLACES] (learning.h); NULL in a job that does not learn */
+    uint64_t *lessons;             /* [LEARNING_PLACES] (learning.h); NULL in a job that does not learn */
+    uint8_t taught[LESSON_GROUPS]; /* 1 where a lesson of the group may not be 0 */
     film_counts_t counts;
 } unit_result_t;
 
 /* Makes an empty result for a unit: zeroed tiles of the sums that it has; no splats. */
 void unit_result_reset(unit_result_t *result, const job_settings_t *settings, const unit_t *unit);
 void unit_result_free(unit_result_t *result);
+/* Adds to a lesson, of a job that learns. */
+static inline void unit_result_teach(unit_result_t *result, uint32_t place, uint64_t value)
+{
+    result->lessons[place] += value;
+    result->taught[place / LESSON_GROUP] = 1;
+}
 /* Adds what one sample met to a pixel (y * tile width + x in the tile), to its features and its mattes.
  * Values beyond +-2^25 are clamped, so that no sum can overflow; a sample with a NaN or an infinity is
  * dropped whole from the features and counted as such. Does nothing beyond FEATURE_SAMPLES, and in units

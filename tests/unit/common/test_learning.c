@@ -143,7 +143,7 @@ static void add_unit(batch_t *batch, uint32_t first, uint32_t count, size_t plac
 {
     unit_result_t result = {0};
     unit_result_reset(&result, &batch->settings, &(unit_t){0, first, count});
-    if (job_learns(&batch->settings)) result.lessons[place] += value;
+    if (job_learns(&batch->settings)) unit_result_teach(&result, place, value);
     batch_add(batch, &result);
     unit_result_free(&result);
 }

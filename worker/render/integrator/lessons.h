@@ -51,7 +51,7 @@ static inline void lesson_note(const sample_t *sample, uint32_t place, float les
 {
     const float most = (float)((1 << LEARNING_BITS) - 1);
     float units = lesson * (float)(1 << bits);
-    sample->result->lessons[place] += (uint64_t)(units < most ? units + 0.5f : most);
+    unit_result_teach(sample->result, place, (uint64_t)(units < most ? units + 0.5f : most));
 }
 
 #endif
