@@ -78,7 +78,7 @@ def read(path):
 
 class Program:
     def __init__(self, build, threads, folder):
-        self.name, self.threads, self.folder = os.path.relpath(build), threads, folder
+        self.name, self.threads, self.folder = build, threads, folder
         self.path = os.path.join(build, "lightmill")
         with open(self.path, "rb") as file:
             self.hash = hashlib.sha256(file.read()).hexdigest()[:12]
