@@ -13,11 +13,13 @@
 
 static const identity_t nobody = {{0}, 1};
 
-static farm_t *make_farm(bool keeps, bool tells, const char *spool_dir, uint64_t quota)
+enum { FILMS = 1 << 20, ROOMY = 64 << 20 }; /* bytes; a job that learns needs more */
+
+static farm_t *make_farm(bool keeps, bool tells, const char *spool_dir, uint64_t quota, uint64_t films)
 {
     farm_options_t options = {.lease = 5,
                               .batch_interval = 10,
-                              .film_limit = 1 << 20,
+                              .film_limit = films,
                               .first_job = 1,
                               .spool_dir = spool_dir,
                               .evidence_limit = quota,
@@ -33,7 +35,12 @@ static farm_t *make_farm(bool keeps, bool tells, const char *spool_dir, uint64_t
 
 farm_t *toy_farm(bool keeps)
 {
-    return make_farm(keeps, false, NULL, 0);
+    return make_farm(keeps, false, NULL, 0, FILMS);
+}
+
+farm_t *toy_roomy_farm(void)
+{
+    return make_farm(false, false, NULL, 0, ROOMY);
 }
 
 farm_t *toy_verifying_farm(const char *spool_dir)
@@ -43,12 +50,12 @@ farm_t *toy_verifying_farm(const char *spool_dir)
 
 farm_t *toy_quota_farm(const char *spool_dir, uint64_t quota)
 {
-    return make_farm(true, false, spool_dir, quota);
+    return make_farm(true, false, spool_dir, quota, FILMS);
 }
 
 farm_t *toy_telling_farm(void)
 {
-    return make_farm(true, true, NULL, 0);
+    return make_farm(true, true, NULL, 0, FILMS);
 }
 
 job_settings_t toy_settings(void)

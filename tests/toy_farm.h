@@ -14,6 +14,8 @@ farm_t *toy_verifying_farm(const char *spool_dir);
 farm_t *toy_quota_farm(const char *spool_dir, uint64_t quota);
 /* A toy_farm(true) whose operator is told of its jobs. */
 farm_t *toy_telling_farm(void);
+/* A farm that has room for the films of jobs that learn, too. */
+farm_t *toy_roomy_farm(void);
 /* 32 x 32 pixels in four tiles, 4 spp, no features. */
 job_settings_t toy_settings(void);
 uint64_t toy_submit(farm_t *farm, double now, const job_settings_t *settings, int priority);

@@ -12,6 +12,10 @@
  * time that the holder is expected to take from now. (One that is late by so many seconds is expected to take
  * as many again.) The first result wins; the factor of two keeps units from going to and fro between equals.
  *
+ * At the end of a pass (common/film/learning.h) nobody is overtaken. It comes when workers hold a second of
+ * work each, and most of what is missing is on its way: hundreds of idle workers would render it again, and
+ * each that comes second loses a batch.
+ *
  * A batch counts whole or not at all, so whoever comes second loses what else is in its batch. That is why
  * not some of a straggler's units are taken, but all.
  *
@@ -221,6 +225,7 @@ static bool made_to_wait(double now, const worker_t *worker, double seconds)
 static size_t recall_from(farm_t *farm, double now, const worker_t *idle, const job_t *job)
 {
     double speed = speed_at(farm, idle, job->kept.job);
+    bool pass_ends = schedule_goes_on(job->schedule);
     size_t units = 0;
     for (size_t i = 0; i < farm->worker_count; i++) {
         worker_t *worker = &farm->workers[i];
@@ -230,7 +235,7 @@ static size_t recall_from(farm_t *farm, double now, const worker_t *idle, const 
         bool late = now - worker->delivered > trust_patience(farm, worker, idle);
         bool known = late && worker->batches > 0;
         if (made_to_wait(now, worker, known ? GRANT_SECONDS : HURRY_GRANT)) continue;
-        if (!late && !is_sooner(farm, now, idle, speed, worker)) continue;
+        if (!late && (pass_ends || !is_sooner(farm, now, idle, speed, worker))) continue;
         double silent = now - worker->delivered;
         if (late) trust_lapsed(farm, now, worker);
         size_t recalled = farm_worker_take_back(farm, now, worker);

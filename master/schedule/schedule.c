@@ -28,9 +28,8 @@
 #include <string.h>
 
 enum {
-    FIRST_PASS = 4,     /* samples a pixel of the first unit of a tile, where spp ends the job */
-    UNITS_A_THREAD = 2, /* in a grant, so that a worker's threads are all busy */
-    PASS_SHARE = 4      /* of what a worker wishes for, this part is its share of a pass at least */
+    FIRST_PASS = 4,    /* samples a pixel of the first unit of a tile, where spp ends the job */
+    UNITS_A_THREAD = 2 /* in a grant, so that a worker's threads are all busy */
 };
 
 /* ---- the heap of tiles --------------------------------------------------------------------------------- */
@@ -267,20 +266,19 @@ static uint64_t most(uint64_t a, uint64_t b)
     return a > b ? a : b;
 }
 
-/* True when there are samples that a pass which is to open will free. */
-static bool goes_on(const schedule_t *s)
+bool schedule_goes_on(const schedule_t *s)
 {
     return s->open - s->counted - s->skipped - s->out > schedule_free(s);
 }
 
 /* Half of what is the worker's of the free pixel samples, if they were shared out by threads. Where only a
- * pass ends, at least a part of what it wishes for: else all workers of a large farm would have a batch to
- * send before the next pass can open, each with next to nothing in it. */
+ * pass ends, all that it wishes for: else all workers of a large farm would have a batch to send before the
+ * next pass can open, each with next to nothing in it, and to merge these would take longer than the pass. */
 static uint64_t fair_share(const schedule_t *s, const schedule_wish_t *wish)
 {
     uint64_t threads = most(wish->threads, 1), all = most(wish->farm_threads, threads);
     uint64_t share = most(schedule_free(s) / (2 * all), 1) * threads;
-    return goes_on(s) ? most(share, wish->samples / PASS_SHARE) : share;
+    return schedule_goes_on(s) ? most(share, wish->samples) : share;
 }
 
 /* Issues one unit of about `samples` pixel samples from the tile at the top of the heap. */

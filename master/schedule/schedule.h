@@ -95,6 +95,8 @@ uint32_t schedule_open_passes(const schedule_t *schedule);
 /* The pass that comes next, when there are samples of it to render and all that rounds allow of the passes
  * that make its plan is counted or skipped; else 0. */
 uint32_t schedule_next_pass(const schedule_t *schedule);
+/* True when there are samples that a pass which is to open will free. */
+bool schedule_goes_on(const schedule_t *schedule);
 /* The lessons of the passes that make the plan of the next pass are settled, */
 void schedule_teach(schedule_t *schedule);
 /* and there is the plan. */

@@ -17,6 +17,12 @@ static int set_up(void **state)
     return 0;
 }
 
+static int set_up_roomy(void **state)
+{
+    *state = toy_roomy_farm();
+    return 0;
+}
+
 static int tear_down(void **state)
 {
     farm_destroy((farm_t **)state);
@@ -210,6 +216,32 @@ static void who_has_work_of_its_own_takes_over_later(void **state)
     assert_int_equal(toy_report(farm, now, job).record.units_reissued, 1);
     assert_int_equal(work.units[0].tile, last.units[0].tile);
     assert_int_equal(work.units[0].first, last.units[0].first);
+}
+
+/* Where more comes after the pass, a slow worker is not overtaken; one that does not deliver is. */
+static void nobody_is_overtaken_at_the_end_of_a_pass(void **state)
+{
+    farm_t *farm = *state;
+    job_settings_t settings = toy_settings();
+    settings.spp = 16;
+    settings.learn = true;
+    uint64_t job = toy_submit(farm, 0, &settings, 0), quick = toy_join(farm, 0, "quick", 1, 0),
+             slow = toy_join(farm, 0, "slow", 1, 0);
+    toy_work_t work = take_one(farm, 0, quick), held = take_one(farm, 0, slow);
+    double now = 1;
+    assert_int_equal(deliver(farm, now, quick, &work).code, RESULT_OK);
+    assert_int_equal(deliver(farm, now, slow, &held).code, RESULT_OK);
+    held = take_one(farm, now, slow);
+    assert_true(held.count > 0);
+    while ((work = take_one(farm, now, quick)).count > 0)
+        assert_int_equal(deliver(farm, now += 0.1, quick, &work).code, RESULT_OK);
+    uint64_t alive[] = {slow, quick};
+    pass(farm, &now, 15, alive, 2);
+    assert_int_equal(take_one(farm, now, quick).job, 0);
+    assert_int_equal(toy_report(farm, now, job).record.units_reissued, 0);
+    pass(farm, &now, 30, alive, 2);
+    assert_int_equal(take_one(farm, now, quick).job, job);
+    assert_true(toy_report(farm, now, job).record.units_reissued > 0);
 }
 
 /* A worker delivers what it had lost, and then stalls with more: that goes to others, too. */
@@ -894,6 +926,7 @@ int main(void)
         WITH_FARM(equals_leave_each_other_alone),
         WITH_FARM(deadlines_follow_the_speed),
         WITH_FARM(who_has_work_of_its_own_takes_over_later),
+        cmocka_unit_test_setup_teardown(nobody_is_overtaken_at_the_end_of_a_pass, set_up_roomy, tear_down),
         WITH_FARM(who_delivered_once_and_stalls_loses_its_units),
         WITH_FARM(who_offers_for_ever_loses_its_units),
         WITH_FARM(units_are_reclaimed),

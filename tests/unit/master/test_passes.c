@@ -102,6 +102,26 @@ static void a_job_that_does_not_learn_has_no_passes(void **state)
     schedule_destroy(&schedule);
 }
 
+/* On a large farm few workers render what a pass needs; at the end of a job all do. */
+static void a_pass_is_not_shared_by_all(void **state)
+{
+    (void)state;
+    job_settings_t settings = job_of(24);
+    schedule_wish_t wish = {1, 2 * PIXELS, PIXELS, 1, 1000};
+    unit_t units[ROOM];
+    schedule_t *schedule = schedule_new(&settings);
+    uint64_t taken = 0;
+    size_t count = schedule_take(schedule, &wish, units, ROOM);
+    for (size_t i = 0; i < count; i++) taken += unit_samples(&settings, &units[i]);
+    assert_int_equal(taken, wish.samples);
+    schedule_destroy(&schedule);
+    settings.learn = false;
+    schedule = schedule_new(&settings);
+    assert_int_equal(schedule_take(schedule, &wish, units, ROOM), 1);
+    assert_int_equal(units[0].count, 1);
+    schedule_destroy(&schedule);
+}
+
 /* Passes 0 to `passes` - 1 are counted, and the one after the next is open. */
 static schedule_t *schedule_at(const job_settings_t *settings, uint32_t passes)
 {
@@ -231,6 +251,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(passes_open_as_they_are_counted),
                                        cmocka_unit_test(a_job_that_does_not_learn_has_no_passes),
+                                       cmocka_unit_test(a_pass_is_not_shared_by_all),
                                        cmocka_unit_test(units_of_other_passes_are_not_taken),
                                        cmocka_unit_test(what_was_opened_stays_open),
                                        cmocka_unit_test(passes_outlive_the_process),
