@@ -409,6 +409,9 @@ static result_t planned(void *self, const assignment_t *assignment, uint32_t pas
     pool_t *pool = self;
     learning_plan_t plan;
     TRY(learning_plan_read(bytes, size, &assignment->content, &plan));
+    if (plan.pass != pass)
+        return result_fail(RESULT_MISMATCH, "a plan of pass %u where that of pass %u is due", plan.pass,
+                           pass);
     pool_lock(pool);
     relay_job_t *job = pool_find_job(pool, assignment->job);
     /* There may be another job of this number by now, or another plan (job_of). */

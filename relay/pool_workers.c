@@ -547,7 +547,7 @@ static relay_job_t *job_with_plan(const pool_t *pool, const hash_t *hash, const 
             relay_job_t *job = pool->jobs[i];
             if (job->gone || job->plan_bytes[pass] == NULL || !hash_equal(&job->plans[pass], hash)) continue;
             *bytes = job->plan_bytes[pass];
-            *size = learning_plan_bytes(pass);
+            *size = learning_plan_bytes();
             return job;
         }
     return NULL;

@@ -18,8 +18,14 @@ static void check(result_t result)
 
 void plan_here(renderer_t *renderer, const job_settings_t *settings, uint32_t pass, const int64_t *lessons)
 {
-    learning_plan_t plan = {pass, learning_teachers(pass), lessons};
-    if (job_learns(settings) && plan.teachers > 0) renderer_plan(renderer, &plan);
+    if (!job_learns(settings) || learning_teachers(pass) == 0) return;
+    hash_t content = {{0}};
+    learning_plan_t plan;
+    uint8_t *bytes = mem_alloc(learning_plan_bytes());
+    learning_plan_write(pass, lessons, &content, 0, bytes, learning_plan_bytes());
+    check(learning_plan_read(bytes, learning_plan_bytes(), &content, &plan));
+    renderer_plan(renderer, &plan);
+    free(bytes);
 }
 
 /* All samples of a pass; of a job that does not learn, all samples. */

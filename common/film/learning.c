@@ -45,7 +45,7 @@ uint32_t learning_taught(const job_settings_t *settings)
 
 /* ---- as a blob ----------------------------------------------------------------------------------------- */
 
-static const char magic[8] = "LMPLAN1";
+static const char magic[8] = "LMPLAN2";
 
 typedef struct {
     char magic[sizeof magic];
@@ -54,22 +54,45 @@ typedef struct {
 } plan_header_t;
 _Static_assert(sizeof(plan_header_t) % sizeof(int64_t) == 0, "lessons follow it");
 
-static size_t lessons_bytes(uint32_t teachers)
+size_t learning_plan_bytes(void)
 {
-    return (size_t)teachers * LEARNING_PLACES * sizeof(int64_t);
+    return sizeof(plan_header_t) + LEARNING_PLACES * sizeof(int64_t);
 }
 
-size_t learning_plan_bytes(uint32_t pass)
+/* Copies what bytes `at` to before at + size of a blob, which are at `from`, have in common with `length`
+ * bytes from `offset` on. */
+static void copy_part(const void *from, uint64_t at, size_t size, uint64_t offset, uint8_t *bytes,
+                      size_t length)
 {
-    return sizeof(plan_header_t) + lessons_bytes(learning_teachers(pass));
+    uint64_t begin = at > offset ? at : offset;
+    uint64_t end = at + size < offset + length ? at + size : offset + length;
+    if (begin < end) memcpy(bytes + (begin - offset), (const uint8_t *)from + (begin - at), end - begin);
 }
 
-void learning_plan_write(const learning_plan_t *plan, const hash_t *content, uint8_t *bytes)
+enum { STEP = 1024 }; /* lessons that are added up at a time, in the cache */
+_Static_assert(LEARNING_PLACES % STEP == 0, "steps cross passes");
+
+static void sum_step(uint32_t pass, const int64_t *lessons, size_t first, int64_t sums[STEP])
 {
-    plan_header_t header = {.pass = plan->pass, .teachers = plan->teachers, .content = *content};
+    memcpy(sums, lessons + first, STEP * sizeof *sums);
+    for (uint32_t teacher = 1; teacher < learning_teachers(pass); teacher++)
+        for (size_t i = 0; i < STEP; i++) sums[i] += lessons[(size_t)LEARNING_PLACES * teacher + first + i];
+}
+
+void learning_plan_write(uint32_t pass, const int64_t *lessons, const hash_t *content, uint64_t offset,
+                         uint8_t *bytes, size_t length)
+{
+    plan_header_t header = {.pass = pass, .teachers = learning_teachers(pass), .content = *content};
+    int64_t sums[STEP];
     memcpy(header.magic, magic, sizeof magic);
-    memcpy(bytes, &header, sizeof header);
-    memcpy(bytes + sizeof header, plan->lessons, lessons_bytes(plan->teachers));
+    copy_part(&header, 0, sizeof header, offset, bytes, length);
+    size_t first = offset > sizeof header ? (size_t)(offset - sizeof header) / sizeof sums * STEP : 0;
+    for (; first < LEARNING_PLACES; first += STEP) {
+        uint64_t at = sizeof header + first * sizeof *sums;
+        if (at >= offset + length) break;
+        sum_step(pass, lessons, first, sums);
+        copy_part(sums, at, sizeof sums, offset, bytes, length);
+    }
 }
 
 result_t learning_plan_read(const uint8_t *bytes, size_t size, const hash_t *content, learning_plan_t *plan)
@@ -79,7 +102,7 @@ result_t learning_plan_read(const uint8_t *bytes, size_t size, const hash_t *con
     memcpy(&header, bytes, sizeof header);
     if (memcmp(header.magic, magic, sizeof magic) != 0) return result_fail(RESULT_INPUT, "this is no plan");
     if (header.pass >= LEARNING_PASSES || header.teachers != learning_teachers(header.pass) ||
-        size != learning_plan_bytes(header.pass))
+        size != learning_plan_bytes())
         return result_fail(RESULT_INPUT, "a plan of pass %u with %zu bytes", header.pass, size);
     if (memcmp(&header.content, content, sizeof *content) != 0)
         return result_fail(RESULT_MISMATCH, "a plan of another job");

@@ -5,8 +5,9 @@
  *     plan from   -     -     0    0-1   0-2   ...
  *
  * Renderers note numbers beside the picture, the lessons, in places that they agree on among themselves:
- * integers, which add up exactly like the sums of a film. A plan is nothing but the lessons of some passes,
- * whole, and so has the same bits whatever the farm did meanwhile. What it means is the renderer's business.
+ * integers, which add up exactly like the sums of a film. A plan is nothing but the sum of the lessons of
+ * some passes, whole, and so has the same bits whatever the farm did meanwhile. What it means is the
+ * renderer's business.
  *
  * The plan of a pass needs all but the pass right before it. So nobody waits: that pass is rendered while
  * the last results of those before it are on their way. A plan depends on no sample that it is used for, so
@@ -19,16 +20,18 @@
 #include "common/job.h"
 
 enum {
-    LEARNING_PASSES = 12,
+    /* Few: on a large farm each takes as long as its batches take to be merged, however short it is. And what
+     * is learned is known well enough then: later lessons made the picture better by 1 % or less. */
+    LEARNING_PASSES = 7,
     /* An adaptive job gives tiles different numbers of samples from its second round on, so that the passes
      * of higher numbers would not be complete. */
     LEARNING_ADAPTIVE_PASSES = 5,
     LEARNING_PLACES = 32768, /* lessons of a pass */
-    /* A sample adds less than 2^LEARNING_BITS to any place, and nothing that is negative. So a pass, of at
-     * most 2^LEARNING_TAUGHT_BITS samples a pixel, adds less than 2^62, whatever the image: no sum can
-     * overflow. */
+    /* A sample adds less than 2^LEARNING_BITS to any place, and nothing that is negative. The passes that
+     * make plans have at most 2^LEARNING_TAUGHT_BITS samples a pixel together, so whatever the image, no sum
+     * can overflow: of a pass, or of a plan. */
     LEARNING_BITS = 26,
-    LEARNING_TAUGHT_BITS = LEARNING_PASSES - 3
+    LEARNING_TAUGHT_BITS = LEARNING_PASSES - 2
 };
 _Static_assert(LEARNING_BITS + LEARNING_TAUGHT_BITS + 27 <= 62 && JOB_MAX_PIXELS == 1 << 27,
                "lessons overflow");
@@ -48,17 +51,20 @@ bool learning_ready(const job_settings_t *settings, uint32_t sample, uint32_t pl
 /* Passes whose lessons go into a plan: those of the others need not be noted. */
 uint32_t learning_taught(const job_settings_t *settings);
 
-/* A plan: the lessons of passes 0 ... teachers - 1. */
+/* A plan: the lessons of passes 0 ... teachers - 1, added up. */
 typedef struct {
     uint32_t pass;
     uint32_t teachers;
-    const int64_t *lessons; /* [teachers][LEARNING_PLACES]; not the plan's own */
+    const int64_t *lessons; /* [LEARNING_PLACES]; not the plan's own */
 } learning_plan_t;
 
-/* Bytes of a plan as a blob. */
-size_t learning_plan_bytes(uint32_t pass);
-/* Writes a plan as a blob of so many bytes. `content` is that of the job (job_content_hash). */
-void learning_plan_write(const learning_plan_t *plan, const hash_t *content, uint8_t *bytes);
+/* Bytes of a plan as a blob, whatever its pass. */
+size_t learning_plan_bytes(void);
+/* Writes `length` bytes from `offset` on, which lie in it, of the plan of a pass that has one, as a blob.
+ * `lessons` are those of the passes that make it, [learning_teachers(pass)][LEARNING_PLACES]; `content` is
+ * that of the job (job_content_hash). */
+void learning_plan_write(uint32_t pass, const int64_t *lessons, const hash_t *content, uint64_t offset,
+                         uint8_t *bytes, size_t length);
 /* The plan in a blob, which it points into (at an address that int64_t may have). RESULT_INPUT, naming what
  * is wrong, when it is none, or one of another job. */
 result_t learning_plan_read(const uint8_t *bytes, size_t size, const hash_t *content, learning_plan_t *plan);

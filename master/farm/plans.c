@@ -1,10 +1,10 @@
 /* plans: what the units of a job that learns are rendered by (common/film/learning.h).
  *
- * DESIGN. A plan is the lessons of some passes, which lie in the film: the first planes of one of its sums.
- * So a plan takes no memory of its own but its hash. When a pass is about to open, the lessons of those that
- * make its plan are settled: from then on nothing is added to them or taken out of them, whatever becomes of
- * the samples that they come from. So the plan stays what it was, as long as the job lives, and its bytes are
- * read without a lock.
+ * DESIGN. A plan is the sum of the lessons of some passes, which lie in the film: the first planes of one of
+ * its sums. So a plan takes no memory of its own but its hash: what somebody fetches of it is added up then.
+ * When a pass is about to open, the lessons of those that make its plan are settled: from then on nothing is
+ * added to them or taken out of them, whatever becomes of the samples that they come from. So the plan stays
+ * what it was, as long as the job lives, and is read without a lock.
  *
  * A checkpoint has the film, and how many passes are settled. So after a restart the plans are there again,
  * with the same hashes.
@@ -18,10 +18,9 @@
 
 static hash_t plan_hash(const int64_t *lessons, const hash_t *content, uint32_t pass)
 {
-    learning_plan_t plan = {pass, learning_teachers(pass), lessons};
-    size_t size = learning_plan_bytes(pass);
+    size_t size = learning_plan_bytes();
     uint8_t *bytes = mem_alloc(size);
-    learning_plan_write(&plan, content, bytes);
+    learning_plan_write(pass, lessons, content, 0, bytes, size);
     hash_t hash = hash_bytes(bytes, size);
     free(bytes);
     return hash;
@@ -111,7 +110,7 @@ result_t farm_plan_size(farm_t *farm, const hash_t *hash, uint64_t *size)
     bool found = find_plan(farm, hash, &pass) != NULL;
     farm_unlock(farm);
     if (!found) return no_plan();
-    *size = learning_plan_bytes(pass);
+    *size = learning_plan_bytes();
     return result_ok();
 }
 
@@ -128,11 +127,7 @@ result_t farm_plan_read(farm_t *farm, const hash_t *hash, uint64_t offset, void 
     }
     farm_unlock(farm);
     if (shared_film == NULL) return no_plan();
-    learning_plan_t plan = {pass, learning_teachers(pass), shared_film_lessons(shared_film)};
-    uint8_t *whole = mem_alloc(learning_plan_bytes(pass));
-    learning_plan_write(&plan, &content, whole);
-    memcpy(bytes, whole + offset, length);
-    free(whole);
+    learning_plan_write(pass, shared_film_lessons(shared_film), &content, offset, bytes, length);
     farm_lock(farm);
     farm_job_film_let_go(farm, job);
     farm_job_unpin(farm, job);

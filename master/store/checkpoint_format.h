@@ -31,7 +31,7 @@
 #include "master/store/record.pb-c.h"
 
 enum {
-    CHECKPOINT_VERSION = 1,
+    CHECKPOINT_VERSION = 2,
     CHECKPOINT_MAX_HEAD = 1 << 16, /* bytes */
     CHECKPOINT_MAX_THREADS = 32,
     PREAMBLE_BYTES = 64,

@@ -454,7 +454,7 @@ static result_t obtain_plan(bulk_t *bulk, const assignment_t *assignment, uint32
                             size_t *size)
 {
     blob_download_t download;
-    *size = learning_plan_bytes(pass);
+    *size = learning_plan_bytes();
     TRY(open_link(bulk));
     TRY(blob_download_in_memory(&assignment->plans[pass], *size, &download));
     result_t result = fetch_rest(bulk, assignment->job, &download);

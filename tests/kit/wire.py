@@ -5,7 +5,7 @@ import numpy as np
 
 import lightmill_pb2 as lm
 
-VERSION = 7
+VERSION = 8
 MAGIC = b"LMIL"
 LARGEST_HEADER = 1 << 20
 

@@ -154,7 +154,7 @@ static void ask_for_work(member_t *member, double now, double samples)
 /* A plan, in chunks; what comes is thrown away. */
 static void fetch_plan(member_t *member, const Lm__Plan *plan)
 {
-    size_t size = learning_plan_bytes(plan->pass);
+    size_t size = learning_plan_bytes();
     for (size_t at = 0; at < size; at += CHUNK) {
         Lm__BlobGet get = LM__BLOB_GET__INIT;
         Lm__Envelope envelope = LM__ENVELOPE__INIT;

@@ -71,26 +71,44 @@ static result_t keep_level(level_t *level, const batch_t *batch, double seconds)
     return result_ok();
 }
 
+/* The lessons of a few units, [LEARNING_PLACES], in a batch that the caller frees. */
+static const int64_t *some_lessons(const prepared_t *prepared, const renderer_t *renderer, batch_t *batch)
+{
+    enum { TILES = 64 };
+    unit_result_t unit_result = {0};
+    atomic_bool cancel = false;
+    batch_init(batch, &prepared->settings);
+    for (uint32_t i = 0; i < TILES; i++) {
+        unit_t unit = {(uint32_t)((uint64_t)i * TILE_STEP % job_tile_count(&prepared->settings)), 0, 2};
+        renderer_unit(renderer, &unit, &unit_result, &cancel);
+        batch_add(batch, &unit_result);
+    }
+    unit_result_free(&unit_result);
+    return batch_frame(batch, SUM_LESSONS);
+}
+
 /* Makes lesson frames for batches of each pass, like those of a rendered batch, but such that units of any
  * size may have them. */
-static result_t keep_lessons(prepared_t *prepared, const batch_t *rendered)
+static result_t keep_lessons(prepared_t *prepared, const renderer_t *renderer)
 {
     const job_settings_t *settings = &prepared->settings;
-    const int64_t *from = rendered->sums[SUM_LESSONS].values;
-    from += learning_pass(settings, FIRST_SAMPLE) * LEARNING_PLACES;
-    for (uint32_t pass = 0; pass < learning_taught(settings); pass++) {
+    batch_t rendered;
+    const int64_t *from = some_lessons(prepared, renderer, &rendered);
+    result_t result = result_ok();
+    for (uint32_t pass = 0; pass < learning_taught(settings) && result.code == RESULT_OK; pass++) {
         batch_t batch;
         zmq_msg_t payload[BATCH_PAYLOADS];
         batch_init(&batch, settings);
         int64_t *to = batch_frame(&batch, SUM_LESSONS) + pass * LEARNING_PLACES;
         for (size_t i = 0; i < LEARNING_PLACES; i++) to[i] = from[i] & ((1 << LEARNING_BITS) - 1);
-        result_t result = payload_encode(&batch, true, payload);
+        result = payload_encode(&batch, true, payload);
         batch_free(&batch);
-        TRY(result);
+        if (result.code != RESULT_OK) break;
         zmq_msg_move(&prepared->lessons[pass], &payload[SUM_LESSONS]);
         for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
     }
-    return result_ok();
+    batch_free(&rendered);
+    return result;
 }
 
 static result_t render(prepared_t *prepared, double seconds)
@@ -117,7 +135,8 @@ static result_t render(prepared_t *prepared, double seconds)
         }
     }
     prepared->speed = (double)samples / spent;
-    if (result.code == RESULT_OK && job_learns(&prepared->settings)) result = keep_lessons(prepared, &batch);
+    if (result.code == RESULT_OK && job_learns(&prepared->settings))
+        result = keep_lessons(prepared, renderer);
     prepared->eye = batch.sums[SUM_EYE].values;
     prepared->eye_count = batch.sums[SUM_EYE].count;
     batch.sums[SUM_EYE].values = NULL;

@@ -86,23 +86,58 @@ static int64_t *some_lessons(uint32_t passes)
     return lessons;
 }
 
-static void a_plan_comes_back(void **state)
+/* All of a plan, in fresh memory. */
+static uint8_t *plan_bytes(uint32_t pass, const int64_t *lessons, const hash_t *content)
+{
+    uint8_t *bytes = mem_alloc(learning_plan_bytes());
+    learning_plan_write(pass, lessons, content, 0, bytes, learning_plan_bytes());
+    return bytes;
+}
+
+static void a_plan_is_the_sum_of_its_passes(void **state)
 {
     (void)state;
     hash_t content = hash_bytes("job", 3);
     int64_t *lessons = some_lessons(LEARNING_PASSES);
     for (uint32_t pass = 2; pass < LEARNING_PASSES; pass++) {
-        size_t size = learning_plan_bytes(pass);
-        uint8_t *bytes = mem_alloc(size);
-        learning_plan_t plan = {pass, learning_teachers(pass), lessons}, got;
-        learning_plan_write(&plan, &content, bytes);
-        assert_int_equal(learning_plan_read(bytes, size, &content, &got).code, RESULT_OK);
+        uint8_t *bytes = plan_bytes(pass, lessons, &content);
+        learning_plan_t got;
+        assert_int_equal(learning_plan_read(bytes, learning_plan_bytes(), &content, &got).code, RESULT_OK);
         assert_int_equal(got.pass, pass);
         assert_int_equal(got.teachers, pass - 1);
-        assert_memory_equal(got.lessons, lessons, got.teachers * LEARNING_PLACES * sizeof *lessons);
+        for (size_t i = 0; i < LEARNING_PLACES; i++) {
+            int64_t sum = 0;
+            for (size_t teacher = 0; teacher < pass - 1; teacher++)
+                sum += lessons[teacher * LEARNING_PLACES + i];
+            assert_int_equal(got.lessons[i], sum);
+        }
         free(bytes);
     }
     free(lessons);
+}
+
+/* Whoever fetches a plan chooses the pieces. */
+static void a_plan_comes_in_any_pieces(void **state)
+{
+    (void)state;
+    hash_t content = hash_bytes("job", 3);
+    int64_t *lessons = some_lessons(3);
+    size_t size = learning_plan_bytes(), lengths[] = {1, 7, 48, 4096, 8191, 100000};
+    uint8_t *whole = plan_bytes(4, lessons, &content), *bytes = mem_alloc(size);
+    for (size_t i = 0; i < ARRAY_LENGTH(lengths); i++) {
+        memset(bytes, 0xee, size);
+        size_t length = lengths[i];
+        for (size_t at = 0; at < size; at += length) {
+            if (length == 1 && at == 100) at = size - 100; /* not everywhere */
+            size_t part = length < size - at ? length : size - at;
+            learning_plan_write(4, lessons, &content, at, bytes + at, part);
+            assert_memory_equal(bytes + at, whole + at, part);
+            if (at + part < size) assert_int_equal(bytes[at + part], 0xee);
+        }
+    }
+    free(lessons);
+    free(whole);
+    free(bytes);
 }
 
 static void expect_refused(const uint8_t *bytes, size_t size, const hash_t *content, result_code_t code,
@@ -119,9 +154,9 @@ static void what_is_no_plan_is_refused(void **state)
     (void)state;
     hash_t content = hash_bytes("job", 3), other = hash_bytes("another", 7);
     int64_t *lessons = some_lessons(2);
-    size_t size = learning_plan_bytes(3);
+    size_t size = learning_plan_bytes();
     uint8_t *bytes = mem_zalloc(size + 8, 1);
-    learning_plan_write(&(learning_plan_t){3, 2, lessons}, &content, bytes);
+    learning_plan_write(3, lessons, &content, 0, bytes, size);
     expect_refused(bytes, 0, &content, RESULT_INPUT, "0 bytes");
     expect_refused(bytes, size - 1, &content, RESULT_INPUT, "pass 3");
     expect_refused(bytes, size + 8, &content, RESULT_INPUT, "pass 3");
@@ -221,7 +256,9 @@ static void lessons_cannot_overflow(void **state)
     for (uint32_t t = 0; t < tiles; t++)
         batch.units[t] = (unit_t){t, begin, learning_pass_begin(&settings, pass + 1) - begin};
     lesson_limits_t limits = batch_lesson_limits(&batch);
-    assert_true(limits.limit[pass] == UINT64_C(1) << 62);
+    uint32_t bits =
+        LEARNING_BITS + pass + 27; /* the pass has 2^pass samples a pixel, the image 2^27 pixels */
+    assert_true(bits < 62 && limits.limit[pass] == UINT64_C(1) << bits);
     for (uint32_t t = 0; t < tiles; t++) batch.units[t].count = JOB_MAX_SPP - begin; /* nobody issues such */
     limits = batch_lesson_limits(&batch);
     assert_true(limits.limit[pass] == UINT64_C(1) << 62);
@@ -234,7 +271,8 @@ int main(void)
                                        cmocka_unit_test(passes_double),
                                        cmocka_unit_test(a_plan_needs_not_the_last_pass),
                                        cmocka_unit_test(units_wait_for_the_plan_of_their_pass),
-                                       cmocka_unit_test(a_plan_comes_back),
+                                       cmocka_unit_test(a_plan_is_the_sum_of_its_passes),
+                                       cmocka_unit_test(a_plan_comes_in_any_pieces),
                                        cmocka_unit_test(what_is_no_plan_is_refused),
                                        cmocka_unit_test(lessons_are_summed_by_pass),
                                        cmocka_unit_test(a_job_that_does_not_learn_has_no_lessons),

@@ -486,12 +486,12 @@ static void a_later_version_is_told_from_damage(void **state)
     must(write_film(&film, path, 1));
     size_t size;
     uint8_t *bytes = scratch_read(path, &size);
-    bytes[8] = 2;
+    bytes[8] = 3;
     scratch_write(path, bytes, size);
     checkpoint_t *checkpoint;
     result_t result = checkpoint_open(path, &checkpoint);
     assert_int_equal(result.code, RESULT_MISMATCH);
-    assert_non_null(strstr(result.message, "version 2"));
+    assert_non_null(strstr(result.message, "version 3"));
     assert_null(checkpoint);
     free(bytes);
     free_film(&film);

@@ -286,10 +286,10 @@ static void another_version_is_named(void **state)
     sockets_t *s = *state;
     wire_message_t message;
     bool received;
-    send_raw(s->raw, "LMIL\10\10\1", 7, false);
+    send_raw(s->raw, "LMIL\11\10\1", 7, false);
     result_t result = receive(s->router, true, &message, &received);
     assert_int_equal(result.code, RESULT_PROTOCOL);
-    assert_non_null(strstr(result.message, "protocol 8"));
+    assert_non_null(strstr(result.message, "protocol 9"));
 }
 
 static void too_many_payloads_are_errors(void **state)

@@ -573,11 +573,11 @@ static void units_are_lent_when_their_plan_is_here(void **state)
     enum { PASS = 2 };
     const unit_t units[] = {{0, 4, 4}, {1, 2, 2}};
     t->settings.learn = true;
-    size_t size = learning_plan_bytes(PASS);
+    size_t size = learning_plan_bytes();
     uint8_t *bytes = mem_alloc(size), *got = mem_alloc(size);
     int64_t *lessons = mem_zalloc(LEARNING_PLACES, sizeof *lessons);
     hash_t content = job_content_hash(&t->settings, &t->blob), plans[LEARNING_PASSES] = {{{0}}};
-    learning_plan_write(&(learning_plan_t){PASS, 1, lessons}, &content, bytes);
+    learning_plan_write(PASS, lessons, &content, 0, bytes, size);
     plans[PASS] = hash_bytes(bytes, size);
     assign_by_plans(t, JOB, &t->blob, 4, units, 2, plans);
     duty_t duty = duty_of(t);
@@ -593,6 +593,8 @@ static void units_are_lent_when_their_plan_is_here(void **state)
     assert_int_equal(t->serve.calls->blob_size(t->pool, &plans[PASS], &there).code, RESULT_INPUT);
     assert_int_equal(t->handler.calls->planned(t->handler.self, &duty.assignment, PASS, bytes, size - 1).code,
                      RESULT_INPUT);
+    assert_int_equal(t->handler.calls->planned(t->handler.self, &duty.assignment, PASS + 1, bytes, size).code,
+                     RESULT_MISMATCH);
     assert_int_equal(take(t, 0, t->bob, 1 << 20), 0);
     assert_int_equal(t->handler.calls->planned(t->handler.self, &duty.assignment, PASS, bytes, size).code,
                      RESULT_OK);

@@ -188,20 +188,18 @@ static double find_reach(const double *lessons, const taught_t *taught)
 
 /* ---- the plan ------------------------------------------------------------------------------------------ */
 
-/* The lessons of all passes, in fresh memory. */
-static double *sum_lessons(const learning_plan_t *plan)
+/* The lessons of a plan, in fresh memory. */
+static double *lessons_of(const learning_plan_t *plan)
 {
-    double *sums = mem_zalloc(LEARNING_PLACES, sizeof *sums);
-    for (uint32_t pass = 0; pass < plan->teachers; pass++)
-        for (size_t i = 0; i < LEARNING_PLACES; i++)
-            sums[i] += (double)plan->lessons[(size_t)LEARNING_PLACES * pass + i];
-    return sums;
+    double *lessons = mem_alloc(LEARNING_PLACES * sizeof *lessons);
+    for (size_t i = 0; i < LEARNING_PLACES; i++) lessons[i] = (double)plan->lessons[i];
+    return lessons;
 }
 
 plan_t *plan_new(const setup_t *setup, const learning_plan_t *learned)
 {
     taught_t *taught = mem_alloc(sizeof *taught);
-    double *lessons = sum_lessons(learned);
+    double *lessons = lessons_of(learned);
     count_taught(&setup->settings, learned->teachers, taught);
     plan_t *plan = mem_zalloc(1, sizeof *plan);
     plan->setup = *setup;
