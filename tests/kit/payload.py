@@ -65,7 +65,7 @@ class Shape:
         self.group_eye = sum(pixels) * 3 * groups
         self.group_splats = frame * 3 * groups if splats else 0
         learns = settings.learn and settings.integrator == BDPT and settings.strategy_t == 0
-        self.lessons = LESSON_PLACES * (3 if settings.adaptive else 10) if learns else 0
+        self.lessons = LESSON_PLACES * (3 if settings.adaptive else 5) if learns else 0
 
     def parts(self):
         return [(PLAIN, self.eye), (FRAME, self.splats), (FEATURES, self.features), (MATTES, self.mattes), (PLAIN, self.group_eye),
