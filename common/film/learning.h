@@ -26,7 +26,7 @@ enum {
     /* An adaptive job gives tiles different numbers of samples from its second round on, so that the passes
      * of higher numbers would not be complete. */
     LEARNING_ADAPTIVE_PASSES = 5,
-    LEARNING_PLACES = 32768, /* lessons of a pass */
+    LEARNING_PLACES = 131072, /* lessons of a pass */
     /* A sample adds less than 2^LEARNING_BITS to any place, and nothing that is negative. The passes that
      * make plans have at most 2^LEARNING_TAUGHT_BITS samples a pixel together, so whatever the image, no sum
      * can overflow: of a pass, or of a plan. */

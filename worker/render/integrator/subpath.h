@@ -77,7 +77,7 @@ typedef struct {
 /* Strata do more for the places that the first vertex draws on lights than for what the other strategies
  * draw, which the power heuristic does not know. In weights each such place counts as so many (measured:
  * docs/performance.md). */
-static const float first_light_worth = 2;
+static const float first_light_worth = 1.5f;
 
 /* How many places s = 1 counts as drawing for one of lights_illuminate on this light, in weights. `first`:
  * the eye vertex that it joins is. */

@@ -119,15 +119,31 @@ static int chance_order(const void *a, const void *b)
     return *u < *v ? -1 : *u > *v;
 }
 
+/* How finely the starts of all lights can be cut, at the most. */
+static uint32_t find_fineness(const lights_t *lights, uint32_t room)
+{
+    for (uint32_t fineness = LIGHT_GUIDE_FINEST; fineness > 0; fineness--) {
+        uint64_t lessons = 0;
+        for (uint32_t i = 0; i < lights->count; i++) {
+            guide_kind_t kind = lights->lights[i].guide_kind;
+            if (lights->lights[i].chance > 0)
+                lessons += 2 * light_guide_cells(kind, light_guide_side(kind, fineness));
+        }
+        if (lessons <= room) return fineness;
+    }
+    return 0;
+}
+
 void lights_learn(lights_t *lights, uint32_t room)
 {
     const light_t **order = mem_alloc((lights->count + 1) * sizeof *order);
-    uint32_t taken = 0;
+    uint32_t taken = 0, fineness = find_fineness(lights, room);
     for (uint32_t i = 0; i < lights->count; i++) order[i] = &lights->lights[i];
     qsort(order, lights->count, sizeof *order, chance_order);
     for (uint32_t i = 0; i < lights->count; i++) {
         light_t *light = &lights->lights[order[i] - lights->lights];
-        uint32_t lessons = 2 * light_guide_cells(light->guide_kind);
+        light->guide_side = light_guide_side(light->guide_kind, fineness);
+        uint32_t lessons = 2 * light_guide_cells(light->guide_kind, light->guide_side);
         light->first_lesson = NO_LESSON;
         if (!(light->chance > 0) || lessons > room - taken) continue;
         light->first_lesson = taken;
@@ -167,7 +183,8 @@ lights_t *lights_guided(const lights_t *base, const double *lessons, double samp
         light_t *light = &lights->lights[i];
         *light = base->lights[i];
         if (light->first_lesson == NO_LESSON) continue;
-        light->guide = light_guide_new(light->guide_kind, lessons + light->first_lesson, samples, &worths[i]);
+        light->guide = light_guide_new(light->guide_kind, light->guide_side, lessons + light->first_lesson,
+                                       samples, &worths[i]);
         sum += worths[i];
         known += (double)light->chance;
     }
@@ -194,7 +211,7 @@ bool lights_emit(const lights_t *lights, float choice, vec2_t place, vec2_t ray,
     if (!kinds[light->record->kind]->emit(light, choice, place, ray, out)) return false;
     out->start.density *= light->first_lesson == NO_LESSON ? 0 : light->chance;
     out->lessons[0] = light->first_lesson + out->start.cell;
-    out->lessons[1] = out->lessons[0] + light_guide_cells(light->guide_kind);
+    out->lessons[1] = out->lessons[0] + light_guide_cells(light->guide_kind, light->guide_side);
     return true;
 }
 

@@ -124,6 +124,7 @@ typedef struct {
     float chance;      /* of being chosen by lights_emit */
     float view_ratio;  /* that by lights_illuminate over it */
     guide_kind_t guide_kind;
+    uint32_t guide_side; /* cells a side */
     uint32_t first_lesson;
     light_guide_t *guide; /* NULL: none */
 } light_t;

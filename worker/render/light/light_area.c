@@ -275,7 +275,7 @@ static bool emit(const light_t *light, float choice, vec2_t place, vec2_t ray, l
     float cosine = v_dot(spot.n, out->direction);
     if (!(plain_ray_pdf(light, cosine) > 0) || !(spot.pdf > 0)) return false;
     out->pdf_ray = ray_pdf(light, out->direction, cosine);
-    out->start = light_guide_direction_start(out->direction, out->pdf_ray);
+    out->start = light_guide_direction_start(light->guide_side, out->direction, out->pdf_ray);
     out->delta = is_unseen(light);
     out->point = spot.p;
     out->origin = offset(&spot, out->direction);

@@ -7,8 +7,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* Cells a side: of directions, of the numbers of a sky's directions, of where parallel rays go. */
-enum { DIRECTIONS = 24, PLACES = 8, PARALLEL = 12 };
+/* Parts a side that a sky's directions are cut into, by the numbers that draw them. */
+enum { PLACES = 8 };
 /* The part of starts that is drawn as without a guide: of rays, and of a sky's directions. */
 static const float plain_rays = 0.25f, plain_places = 0.25f;
 
@@ -24,14 +24,14 @@ static uint32_t parts_of(guide_kind_t kind)
     return kind == GUIDE_SKY ? PLACES * PLACES : 1;
 }
 
-static uint32_t side_of(guide_kind_t kind)
+uint32_t light_guide_side(guide_kind_t kind, uint32_t fineness)
 {
-    return kind == GUIDE_DIRECTIONS ? DIRECTIONS : PARALLEL;
+    return (kind == GUIDE_SKY ? 6u : 16u) << fineness;
 }
 
-uint32_t light_guide_cells(guide_kind_t kind)
+uint32_t light_guide_cells(guide_kind_t kind, uint32_t side)
 {
-    return kind == GUIDE_NOTHING ? 1 : parts_of(kind) * side_of(kind) * side_of(kind);
+    return kind == GUIDE_NOTHING ? 1 : parts_of(kind) * side * side;
 }
 
 /* The lesson of a cell with some of its neighbours', since what little came from is not known well. */
@@ -87,9 +87,10 @@ static distribution_t *learn_places(const double *worths, double mean)
     return distribution_new(weights, PLACES, PLACES, 0);
 }
 
-light_guide_t *light_guide_new(guide_kind_t kind, const double *lessons, double samples, double *worth)
+light_guide_t *light_guide_new(guide_kind_t kind, uint32_t side, const double *lessons, double samples,
+                               double *worth)
 {
-    uint32_t side = side_of(kind), cells = light_guide_cells(kind), parts = parts_of(kind);
+    uint32_t cells = light_guide_cells(kind, side), parts = parts_of(kind);
     double worths[PLACES * PLACES], mean = 0;
     scale_t scale = {cells / samples / (1 << GUIDE_SQUARE_BITS), cells / samples / (1 << GUIDE_COST_BITS)};
     if (kind == GUIDE_NOTHING) {
@@ -185,9 +186,9 @@ float light_guide_direction_pdf(const light_guide_t *guide, float plain, vec3_t 
            (1 - plain_rays) * distribution_pdf(guide->rays[0], square_of(w)) * square_density(w);
 }
 
-light_start_t light_guide_direction_start(vec3_t w, float pdf)
+light_start_t light_guide_direction_start(uint32_t side, vec3_t w, float pdf)
 {
-    return (light_start_t){cell_of(square_of(w), DIRECTIONS), pdf / square_density(w)};
+    return (light_start_t){cell_of(square_of(w), side), pdf / square_density(w)};
 }
 
 /* ---- the sky ------------------------------------------------------------------------------------------- */
@@ -228,8 +229,9 @@ float light_guide_square_pdf(const light_guide_t *guide, vec2_t place, float pla
     return plain_rays * plain + (inside ? (1 - plain_rays) * distribution_pdf(grid, at) : 0);
 }
 
-light_start_t light_guide_square_start(guide_kind_t kind, vec2_t place, vec2_t at, float density)
+light_start_t light_guide_square_start(guide_kind_t kind, uint32_t side, vec2_t place, vec2_t at,
+                                       float density)
 {
     uint32_t part = kind == GUIDE_SKY ? cell_of(place, PLACES) : 0;
-    return (light_start_t){part * PARALLEL * PARALLEL + cell_of(at, PARALLEL), density};
+    return (light_start_t){part * side * side + cell_of(at, side), density};
 }

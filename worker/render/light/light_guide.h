@@ -31,11 +31,15 @@ typedef enum { GUIDE_NOTHING, GUIDE_DIRECTIONS, GUIDE_PARALLEL, GUIDE_SKY } guid
 /* Lessons are in units of 2^-bits. */
 enum { GUIDE_SQUARE_BITS = 14, GUIDE_COST_BITS = 4 };
 
-/* Cells of a light of this kind. */
-uint32_t light_guide_cells(guide_kind_t kind);
+/* Cells a side of its grids, where there is room for that: of a fineness from 0 to LIGHT_GUIDE_FINEST. */
+enum { LIGHT_GUIDE_FINEST = 2 };
+uint32_t light_guide_side(guide_kind_t kind, uint32_t fineness);
+/* Cells of a light of this kind, cut into so many a side. */
+uint32_t light_guide_cells(guide_kind_t kind, uint32_t side);
 /* A guide from its lessons, [2][cells], of so many samples. *worth: the integral of sqrt(g^2 / c) over all
  * starts. NULL where the kind has none, or nothing was learned. */
-light_guide_t *light_guide_new(guide_kind_t kind, const double *lessons, double samples, double *worth);
+light_guide_t *light_guide_new(guide_kind_t kind, uint32_t side, const double *lessons, double samples,
+                               double *worth);
 /* Frees the guide and sets *guide to NULL. */
 void light_guide_destroy(light_guide_t **guide);
 
@@ -52,7 +56,7 @@ bool light_guide_direction(const light_guide_t *guide, vec2_t *u, vec3_t *w);
 /* The density of direction w, per steradian; `plain`: without the guide. */
 float light_guide_direction_pdf(const light_guide_t *guide, float plain, vec3_t w);
 /* The start that this direction is, `pdf` its density. */
-light_start_t light_guide_direction_start(vec3_t w, float pdf);
+light_start_t light_guide_direction_start(uint32_t side, vec3_t w, float pdf);
 
 /* ---- of lights at infinity ----------------------------------------------------------------------------- */
 
@@ -66,6 +70,7 @@ bool light_guide_square(const light_guide_t *guide, vec2_t place, vec2_t *u, vec
 /* The density at a point of the square, or outside; `plain`: without the guide. */
 float light_guide_square_pdf(const light_guide_t *guide, vec2_t place, float plain, vec2_t at);
 /* The start that these numbers and this point are, with the density of both. */
-light_start_t light_guide_square_start(guide_kind_t kind, vec2_t place, vec2_t at, float density);
+light_start_t light_guide_square_start(guide_kind_t kind, uint32_t side, vec2_t place, vec2_t at,
+                                       float density);
 
 #endif

@@ -71,7 +71,7 @@ static bool emit(const light_t *light, const beam_t *beam, vec2_t u, light_ray_t
     }
     out->pdf_ray = ray_pdf(light, beam, out->direction, d);
     if (!(out->pdf_ray > 0)) return false;
-    out->start = light_guide_direction_start(out->direction, out->pdf_ray);
+    out->start = light_guide_direction_start(light->guide_side, out->direction, out->pdf_ray);
     out->origin = out->point = state_of(light)->position;
     out->pdf_place = light->chance;
     out->delta = true;

@@ -121,7 +121,7 @@ static void start_ray(const light_t *light, vec3_t w, vec2_t place, float place_
     out->direction = v_neg(w);
     out->pdf_ray = ray_pdf(light, w, place, out->origin);
     float density = place_density * out->pdf_ray * (float)square_area(light);
-    out->start = light_guide_square_start(light->guide_kind, place, at, density);
+    out->start = light_guide_square_start(light->guide_kind, light->guide_side, place, at, density);
     out->at_infinity = true;
 }
 
