@@ -31,6 +31,19 @@ void bsdf_complete(bsdf_t *bsdf)
     bsdf->specular = only_specular(bsdf);
 }
 
+bool bsdf_is_broad(const bsdf_t *bsdf)
+{
+    const float broad = 0.1f;
+    for (int i = 0; i < bsdf->count; i++) {
+        const lobe_t *lobe = &bsdf->lobes[i];
+        if (lobe->kind->flags & LOBE_SPECULAR) continue;
+        bool narrow =
+            (lobe->kind->flags & LOBE_MICROFACETS) && lobe->alpha[0] < broad && lobe->alpha[1] < broad;
+        if (!narrow) return true;
+    }
+    return false;
+}
+
 void bsdf_regularize(bsdf_t *bsdf)
 {
     for (int i = 0; i < bsdf->count; i++)

@@ -184,10 +184,11 @@ typedef struct {
 static_assert(sizeof(lobe_t) <= 112, "a BSDF has ten of them, and is made at every vertex");
 
 enum {
-    LOBE_REFLECTS = 1,  /* may carry light to the same side of the surface */
-    LOBE_TRANSMITS = 2, /* may carry light through */
-    LOBE_SPECULAR = 4,  /* Dirac: cannot be evaluated, only sampled */
-    LOBE_DISPERSES = 8  /* refracts each channel its own way */
+    LOBE_REFLECTS = 1,    /* may carry light to the same side of the surface */
+    LOBE_TRANSMITS = 2,   /* may carry light through */
+    LOBE_SPECULAR = 4,    /* Dirac: cannot be evaluated, only sampled */
+    LOBE_DISPERSES = 8,   /* refracts each channel its own way */
+    LOBE_MICROFACETS = 16 /* all of it is as narrow as its alphas say */
 };
 
 /* Directions are in shading coordinates (s, t, ns): z is the cosine to the shading normal. */
@@ -232,6 +233,9 @@ bool bsdf_eval_split(const bsdf_t *bsdf, vec3_t wo, vec3_t wi, transport_t mode,
  * numbers for the direction, `choice` one for the lobe. False when there is nothing to follow. */
 bool bsdf_sample(const bsdf_t *bsdf, vec3_t wo, vec2_t u, float choice, transport_t mode,
                  bsdf_sample_t *sample);
+/* True when some of it, at least, spreads light so widely that light which arrives nearby, from about the
+ * same side, is scattered about the same way: what merging photons supposes. */
+bool bsdf_is_broad(const bsdf_t *bsdf);
 /* Roughens what is nearly specular. */
 void bsdf_regularize(bsdf_t *bsdf);
 /* Tells what the subpath that is to be scattered carries: where that is one channel alone, a BSDF that

@@ -21,7 +21,7 @@ static bool draw_above(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, ve
     return microfacet_mirror(lobe->alpha[0], lobe->alpha[1], wo, u, wi);
 }
 
-const lobe_kind_t lobe_rough_conductor = {.flags = LOBE_REFLECTS,
+const lobe_kind_t lobe_rough_conductor = {.flags = LOBE_REFLECTS | LOBE_MICROFACETS,
                                           .eval = lobe_eval_mirrored,
                                           .sample = lobe_sample_mirrored,
                                           .eval_above = eval_above,

@@ -120,13 +120,17 @@ static bool sample(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transp
            eval_pair(lobe, eta, up, wi, reflect, mode, &value) && lobe_complete(wo, wi, &value, s);
 }
 
-const lobe_kind_t lobe_rough_dielectric = {.flags = LOBE_REFLECTS | LOBE_TRANSMITS,
+const lobe_kind_t lobe_rough_dielectric = {.flags = LOBE_REFLECTS | LOBE_TRANSMITS | LOBE_MICROFACETS,
                                            .eval = eval,
                                            .sample = sample,
                                            .regularize = lobe_regularize_alphas};
 /* The same with T black: never transmits. */
-const lobe_kind_t lobe_rough_reflection = {
-    .flags = LOBE_REFLECTS, .eval = eval, .sample = sample, .regularize = lobe_regularize_alphas};
+const lobe_kind_t lobe_rough_reflection = {.flags = LOBE_REFLECTS | LOBE_MICROFACETS,
+                                           .eval = eval,
+                                           .sample = sample,
+                                           .regularize = lobe_regularize_alphas};
 /* The same with R black: never reflects. */
-const lobe_kind_t lobe_rough_transmission = {
-    .flags = LOBE_TRANSMITS, .eval = eval, .sample = sample, .regularize = lobe_regularize_alphas};
+const lobe_kind_t lobe_rough_transmission = {.flags = LOBE_TRANSMITS | LOBE_MICROFACETS,
+                                             .eval = eval,
+                                             .sample = sample,
+                                             .regularize = lobe_regularize_alphas};

@@ -213,7 +213,7 @@ static void regularize_coat(lobe_t *lobe)
     lobe->disney_coat.alpha = float_max(lobe->disney_coat.alpha, 0.1f);
 }
 
-const lobe_kind_t lobe_disney_specular = {.flags = LOBE_REFLECTS,
+const lobe_kind_t lobe_disney_specular = {.flags = LOBE_REFLECTS | LOBE_MICROFACETS,
                                           .eval = eval_specular,
                                           .sample = sample_specular,
                                           .regularize = lobe_regularize_alphas};

@@ -218,5 +218,7 @@ static void regularize_smooth(lobe_t *lobe)
 enum { BOTH = LOBE_REFLECTS | LOBE_TRANSMITS | LOBE_DISPERSES };
 const lobe_kind_t lobe_smooth_dispersion = {
     .flags = BOTH | LOBE_SPECULAR, .sample = sample_smooth, .regularize = regularize_smooth};
-const lobe_kind_t lobe_rough_dispersion = {
-    .flags = BOTH, .eval = eval_rough, .sample = sample_rough, .regularize = lobe_regularize_alphas};
+const lobe_kind_t lobe_rough_dispersion = {.flags = BOTH | LOBE_MICROFACETS,
+                                           .eval = eval_rough,
+                                           .sample = sample_rough,
+                                           .regularize = lobe_regularize_alphas};

@@ -569,7 +569,7 @@ static bool sample_rough_coat(const lobe_t *lobe, vec3_t wo, vec2_t u, float cho
 }
 
 /* Rough reflection, the same from both sides. */
-const lobe_kind_t lobe_rough_coat = {.flags = LOBE_REFLECTS,
+const lobe_kind_t lobe_rough_coat = {.flags = LOBE_REFLECTS | LOBE_MICROFACETS,
                                      .eval = eval_rough_coat,
                                      .sample = sample_rough_coat,
                                      .regularize = lobe_regularize_alphas};

@@ -242,7 +242,7 @@ static void regularize_straight(lobe_t *lobe)
     lobe_regularize_alphas(lobe);
 }
 
-const lobe_kind_t lobe_schlick_reflection = {.flags = LOBE_REFLECTS,
+const lobe_kind_t lobe_schlick_reflection = {.flags = LOBE_REFLECTS | LOBE_MICROFACETS,
                                              .eval = lobe_eval_mirrored,
                                              .sample = lobe_sample_mirrored,
                                              .eval_above = eval_reflection,
@@ -268,8 +268,10 @@ const lobe_kind_t lobe_schlick_mirror = {
     .flags = LOBE_REFLECTS | LOBE_SPECULAR, .sample = sample_mirror, .regularize = regularize_mirror};
 const lobe_kind_t lobe_schlick_straight = {
     .flags = LOBE_TRANSMITS | LOBE_SPECULAR, .sample = sample_straight, .regularize = regularize_straight};
-const lobe_kind_t lobe_schlick_coat = {
-    .flags = LOBE_REFLECTS, .eval = eval_coat, .sample = sample_coat, .regularize = lobe_regularize_alphas};
+const lobe_kind_t lobe_schlick_coat = {.flags = LOBE_REFLECTS | LOBE_MICROFACETS,
+                                       .eval = eval_coat,
+                                       .sample = sample_coat,
+                                       .regularize = lobe_regularize_alphas};
 const lobe_kind_t lobe_schlick_coat_mirror = {.flags = LOBE_REFLECTS | LOBE_SPECULAR,
                                               .sample = sample_coat_mirror,
                                               .regularize = regularize_coat_mirror};
