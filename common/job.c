@@ -92,6 +92,18 @@ static result_t check_strategy(const job_settings_t *settings)
     return result_ok();
 }
 
+static result_t check_merge_radius(const job_settings_t *settings)
+{
+    if (!(settings->merge_radius >= 0) || !(settings->merge_radius <= JOB_MAX_MERGE_RADIUS))
+        return result_fail(
+            RESULT_USAGE,
+            "the merge radius is %g, must be 0 (as the scene's size says) or positive, at most %d",
+            settings->merge_radius, JOB_MAX_MERGE_RADIUS);
+    if (settings->merge_radius == 0 || settings->integrator == INTEGRATOR_VCM) return result_ok();
+    return result_fail(RESULT_USAGE, "a merge radius belongs to the integrator vcm, and %s merges nothing",
+                       integrator_name(settings->integrator));
+}
+
 static result_t check_save_at(const job_settings_t *settings)
 {
     const save_at_t *save_at = &settings->save_at;
@@ -113,7 +125,7 @@ static result_t check_save_at(const job_settings_t *settings)
 
 result_t job_settings_check(const job_settings_t *settings)
 {
-    TRY(check_range("integrator", settings->integrator, INTEGRATOR_BDPT, INTEGRATOR_AO));
+    TRY(check_range("integrator", settings->integrator, INTEGRATOR_BDPT, INTEGRATOR_VCM));
     TRY(check_range("sampler", settings->sampler, SAMPLER_SOBOL, SAMPLER_INDEPENDENT));
     TRY(check_range("width", settings->width, 1, JOB_MAX_RESOLUTION));
     TRY(check_range("height", settings->height, 1, JOB_MAX_RESOLUTION));
@@ -130,6 +142,7 @@ result_t job_settings_check(const job_settings_t *settings)
     if (settings->adaptive && settings->spp < JOB_MAX_SPP)
         TRY(check_range("samples a pixel of an adaptive job", settings->spp, 1, JOB_MAX_ADAPTIVE_SPP));
     TRY(check_save_at(settings));
+    TRY(check_merge_radius(settings));
     if (settings->cryptomatte && settings->integrator == INTEGRATOR_LIGHT)
         return result_fail(RESULT_USAGE, "cryptomatte shows what eye rays meet, and the integrator light "
                                          "follows none: use bdpt or path");
@@ -217,6 +230,12 @@ bool job_unit_valid(const job_settings_t *settings, const unit_t *unit)
            unit->first <= limit - unit->count;
 }
 
+uint32_t job_run_end(const job_settings_t *settings, uint32_t first)
+{
+    if (settings->integrator != INTEGRATOR_VCM) return UINT32_MAX;
+    return first - first % JOB_PHOTON_RUN + JOB_PHOTON_RUN;
+}
+
 result_t job_check_units(const job_settings_t *settings, const unit_t *units, size_t count)
 {
     for (size_t i = 0; i < count; i++)
@@ -238,12 +257,13 @@ bool job_has_mattes(const job_settings_t *settings)
 
 bool job_has_splats(const job_settings_t *settings)
 {
-    return settings->integrator == INTEGRATOR_BDPT || settings->integrator == INTEGRATOR_LIGHT;
+    return settings->integrator == INTEGRATOR_BDPT || settings->integrator == INTEGRATOR_LIGHT ||
+           settings->integrator == INTEGRATOR_VCM;
 }
 
 hash_t job_content_hash(const job_settings_t *settings, const hash_t *blob)
 {
-    char hex[2 * HASH_BYTES + 1], text[400 + sizeof settings->light_groups];
+    char hex[2 * HASH_BYTES + 1], text[440 + sizeof settings->light_groups];
     hash_to_hex(blob, hex);
     int length = snprintf(
         text, sizeof text,
@@ -257,6 +277,9 @@ hash_t job_content_hash(const job_settings_t *settings, const hash_t *blob)
     if (settings->learn) length += snprintf(text + length, sizeof text - (size_t)length, " learn");
     if (settings->light_groups[0] != '\0')
         length += snprintf(text + length, sizeof text - (size_t)length, " groups %s", settings->light_groups);
+    if (settings->merge_radius > 0)
+        length +=
+            snprintf(text + length, sizeof text - (size_t)length, " merge %.17g", settings->merge_radius);
     return hash_bytes(text, (size_t)length);
 }
 
@@ -266,7 +289,7 @@ uint32_t unit_half_count(const unit_t *unit, int half)
     return half == 0 ? even : unit->count - even;
 }
 
-const char *const integrator_names[] = {"bdpt", "path", "light", "ao", NULL};
+const char *const integrator_names[] = {"bdpt", "path", "light", "ao", "vcm", NULL};
 const char *const sampler_names[] = {"sobol", "independent", NULL};
 
 const char *integrator_name(integrator_t integrator)

@@ -16,7 +16,8 @@ typedef enum {
     INTEGRATOR_BDPT = 1,
     INTEGRATOR_PATH = 2,
     INTEGRATOR_LIGHT = 3,
-    INTEGRATOR_AO = 4 /* ambient occlusion */
+    INTEGRATOR_AO = 4, /* ambient occlusion */
+    INTEGRATOR_VCM = 5 /* vertex connection and merging: consistent, but not unbiased */
 } integrator_t;
 typedef enum { SAMPLER_SOBOL = 1, SAMPLER_INDEPENDENT = 2 } sampler_kind_t;
 
@@ -33,7 +34,9 @@ enum {
     JOB_MEAN_BOOST = 4, /* an adaptive job gives a tile a power of two of its round's base samples, up to */
     JOB_MAX_BOOST = 16, /* this, and to all of them in the mean the other (master/schedule/next_round.h) */
     JOB_MAX_ADAPTIVE_SPP = JOB_MAX_SPP / JOB_MAX_BOOST,
-    JOB_MAX_SAVES = 64,     /* sample counts in save_at */
+    JOB_MAX_SAVES = 64, /* sample counts in save_at */
+    JOB_MAX_MERGE_RADIUS = 1000000,
+    JOB_PHOTON_RUN = 2,     /* of vcm: units keep to runs of so many samples (job_run_end) */
     JOB_MAX_NAME = 200,     /* bytes */
     JOB_MAX_PRIORITY = 1000 /* and as low as minus this */
 };
@@ -63,6 +66,9 @@ typedef struct {
     bool adaptive;     /* noisy tiles get more samples; spp is the mean (master/schedule/next_round.h) */
     save_at_t save_at; /* not with adaptive; what lies beyond spp is never reached */
     char light_groups[LIGHT_GROUPS_TEXT + 1]; /* resolved (light_groups.h); empty: none */
+    /* Of vcm: photons are merged within this distance in sample 0, in units of the scene, and within less in
+     * later ones; 0: as far as the scene's size on the film says. */
+    double merge_radius;
 } job_settings_t;
 
 /* What is wanted of a job beside its picture. Nothing of it changes a sample. */
@@ -131,6 +137,10 @@ uint32_t job_sample_limit(const job_settings_t *settings);
 /* True when the unit lies inside the job: a tile that exists, 0 < count, first + count <= job_sample_limit.
  */
 bool job_unit_valid(const job_settings_t *settings, const unit_t *unit);
+/* The first sample index that a unit which begins at `first` had better leave to another: of vcm the samples
+ * of all tiles with the same index share one set of photons, which a worker makes for all of them if it gets
+ * them one soon after the other. UINT32_MAX: there is none. */
+uint32_t job_run_end(const job_settings_t *settings, uint32_t first);
 /* RESULT_PROTOCOL, which names the first that is not valid. */
 result_t job_check_units(const job_settings_t *settings, const unit_t *units, size_t count);
 /* True when the job makes features: they are wanted, and its integrator traces eye rays. */

@@ -39,10 +39,14 @@ static void render_pass(const renderer_t *renderer, uint32_t pass, batch_t *batc
         begin = learning_pass_begin(settings, pass);
         if (learning_pass_begin(settings, pass + 1) < end) end = learning_pass_begin(settings, pass + 1);
     }
-    for (uint32_t tile = 0; tile < job_tile_count(settings); tile++) {
-        unit_t unit = {tile, begin, end - begin};
-        assert_true(renderer_unit(renderer, &unit, &result, &cancel));
-        batch_add(batch, &result);
+    while (begin < end) {
+        uint32_t run_end = job_run_end(settings, begin) < end ? job_run_end(settings, begin) : end;
+        for (uint32_t tile = 0; tile < job_tile_count(settings); tile++) {
+            unit_t unit = {tile, begin, run_end - begin};
+            assert_true(renderer_unit(renderer, &unit, &result, &cancel));
+            batch_add(batch, &result);
+        }
+        begin = run_end;
     }
     unit_result_free(&result);
 }

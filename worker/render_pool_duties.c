@@ -203,7 +203,7 @@ result_t render_pool_loaded(void *self, uint64_t job, scene_blob_t *blob)
     double start = clock_now();
     renderer_t *renderer;
     pool->blob = *blob;
-    result_t result = check_memory(pool, (double)renderer_memory(&pool->blob));
+    result_t result = check_memory(pool, (double)renderer_memory(&pool->blob, &pool->current.settings));
     if (result.code == RESULT_OK) result = renderer_new(&pool->blob, &pool->current.settings, &renderer);
     if (result.code == RESULT_OK) { /* the estimate may have been too low */
         result = check_memory(pool, 0);

@@ -34,7 +34,8 @@ result_t strategies_settings(const overrides_t *overrides, const scene_blob_t *b
     strategy_t list[STRATEGIES_MAX];
     TRY(overrides_apply(overrides, blob, settings));
     if (overrides->integrator != 0 && overrides->integrator != INTEGRATOR_BDPT)
-        return result_fail(RESULT_USAGE, "--strategies takes bdpt apart; %s has only one strategy to show",
+        return result_fail(RESULT_USAGE,
+                           "--strategies takes bdpt apart, and not %s: use it without --integrator",
                            integrator_name(overrides->integrator));
     if (settings->time_limit > 0)
         return result_fail(RESULT_USAGE,

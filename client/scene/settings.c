@@ -96,10 +96,12 @@ static const option_t rows[] = {
         parse_save_at, overrides_t, save_at, "save-at", "N,N,...",
         "keep the images at these numbers of samples a pixel too, each the same as that of --spp N; they go "
         "beside the image: a.exr, a-0016.exr, ..."),
-    OPTION_BY(option_choice, overrides_t, integrator, "integrator", "NAME",
-              "bdpt, path or light; ao: ambient occlusion, how open to all sides what is seen lies, without "
-              "lights or materials",
-              .choices = integrator_names),
+    OPTION_BY(
+        option_choice, overrides_t, integrator, "integrator", "NAME",
+        "bdpt, path or light; vcm: bdpt with photons, for caustics that are seen through glass or in "
+        "mirrors: consistent, but not unbiased; ao: ambient occlusion, how open to all sides what is seen "
+        "lies, without lights or materials",
+        .choices = integrator_names),
     OPTION(overrides_t, max_depth, "max-depth", "N", "longest path: N + 1 segments, as pbrt counts",
            OPTION_RANGE(0, JOB_MAX_DEPTH)),
     {.name = "seed",
@@ -118,6 +120,9 @@ static const option_t rows[] = {
         OPTION_RANGE(FILM_MIN_SCALE, FILM_MAX_SCALE)),
     OPTION(overrides_t, no_learn, "no-learn", NULL,
            "all samples alike: later ones are not placed by what earlier ones show (bdpt)"),
+    OPTION(overrides_t, merge_radius, "merge-radius", "R",
+           "merge photons within R scene units at first (vcm; default: two pixels wide)",
+           OPTION_RANGE(1e-30, JOB_MAX_MERGE_RADIUS)),
     OPTION(overrides_t, no_layers, "no-layers", NULL,
            "without the layers of what is seen: albedo, normal, position, depth, ..."),
     OPTION(

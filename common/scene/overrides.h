@@ -21,6 +21,7 @@ typedef struct {
     bool no_layers;
     bool cryptomatte;
     bool no_learn;
+    double merge_radius;      /* 0: as the scene's size says */
     const char *light_groups; /* as light_groups_resolve takes them; NULL: none */
 } overrides_t;
 

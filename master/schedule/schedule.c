@@ -14,10 +14,10 @@
  * The size of a unit follows the worker's wish, with three exceptions. While a tile is young, a unit at most
  * doubles its samples, starting from FIRST_PASS when the job is to reach a number of samples and from one
  * when only the clock ends it: the whole image is covered early, and a render of a minute has no black tiles.
- * (A unit costs an eye tile on the wire, so fewer is better.) A unit ends where its round or its pass does.
- * And when the
- * free samples run out, a worker gets no more than half of its share of them by threads, in units that leave
- * a few for each of its threads: all workers finish together, which matters at the end of every round.
+ * (A unit costs an eye tile on the wire, so fewer is better.) A unit ends where its round or its pass does,
+ * or its run (job_run_end). And when the free samples run out, a worker gets no more than half of its share
+ * of them by threads, in units that leave a few for each of its threads: all workers finish together, which
+ * matters at the end of every round.
  *
  * Spans name their holder by an index in a small table, so that they stay small; an index is used again when
  * its worker holds nothing. Losing a worker walks over all tiles, which is rare and cheap next to rendering
@@ -289,6 +289,7 @@ static unit_t take_unit(schedule_t *s, holder_t *holder, uint64_t samples)
     uint32_t first = tile->lowest_free, at = span_after(tile, first);
     uint64_t end = schedule_round_end(s, schedule_round_of(s, index, first), index);
     end = least(end, schedule_pass_end(s, schedule_pass_of(s, first)));
+    end = least(end, job_run_end(&s->settings, first));
     if (at < tile->count) end = least(end, tile->spans[at].first);
     uint64_t young = most(first, s->settings.time_limit > 0 ? 1 : FIRST_PASS);
     uint64_t count = most(samples / job_tile_pixels(&s->settings, index), 1);

@@ -29,6 +29,7 @@ static void put_settings(json_t *object, const Lm__Settings *message)
     put_flag(object, "cryptomatte", settings.cryptomatte);
     put_flag(object, "learn", settings.learn);
     put_text(object, "light_groups", settings.light_groups);
+    if (settings.integrator == INTEGRATOR_VCM) put_real(object, "merge_radius", settings.merge_radius);
     if (settings.strategy_t == 0) return;
     put_count(object, "strategy_s", (uint64_t)settings.strategy_s);
     put_count(object, "strategy_t", (uint64_t)settings.strategy_t);

@@ -77,7 +77,7 @@ class Kit(Case):
 
     def test_settings_out_of_their_range_are_refused(self):
         farm = self.farm()
-        for wrong in (dict(integrator=5), dict(integrator=0), dict(sampler=0), dict(sampler=3), dict(width=0), dict(height=32769),
+        for wrong in (dict(integrator=6), dict(integrator=0), dict(merge_radius=1), dict(sampler=0), dict(sampler=3), dict(width=0), dict(height=32769),
                       dict(width=32768, height=4097), dict(max_depth=101), dict(spp=0), dict(spp=2**30 + 1), dict(tile_size=7),
                       dict(tile_size=257), dict(film_scale=41), dict(time_limit=-1), dict(error=1), dict(strategy_s=1, strategy_t=1),
                       dict(unweighted=True), dict(cryptomatte=True, integrator=payload.LIGHT)):

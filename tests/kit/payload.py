@@ -29,6 +29,7 @@ def content(settings, blob):
     text += " cryptomatte" if settings.cryptomatte else ""
     text += " learn" if settings.learn else ""
     text += f" groups {settings.light_groups}" if settings.light_groups else ""
+    text += f" merge {settings.merge_radius:.17g}" if settings.merge_radius else ""
     return hashlib.blake2b(text.encode(), digest_size=32).digest()
 
 

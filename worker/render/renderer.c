@@ -2,6 +2,7 @@
 #include "worker/render/renderer.h"
 
 #include "worker/render/integrator/lessons.h"
+#include "worker/render/integrator/photons.h"
 #include "worker/render/plan/plan.h"
 
 #include <pmmintrin.h>
@@ -15,16 +16,16 @@ struct renderer {
     camera_t *camera;
     uint8_t *light_groups; /* of each light; NULL: none */
     const integrator_ops_t *integrator;
+    photons_t *photons; /* NULL: the integrator does not merge */
     /* Of a job that learns. */
     float inverse_brightness[BRIGHTNESS_SIDE * BRIGHTNESS_SIDE];
     plan_t *_Atomic plans[LEARNING_PASSES]; /* NULL: none yet, or the pass has none */
 };
 
 static const integrator_ops_t *const integrators[] = {
-    [INTEGRATOR_BDPT] = &integrator_bdpt,
-    [INTEGRATOR_PATH] = &integrator_path,
-    [INTEGRATOR_LIGHT] = &integrator_light,
-    [INTEGRATOR_AO] = &integrator_ao,
+    [INTEGRATOR_BDPT] = &integrator_bdpt,   [INTEGRATOR_PATH] = &integrator_path,
+    [INTEGRATOR_LIGHT] = &integrator_light, [INTEGRATOR_AO] = &integrator_ao,
+    [INTEGRATOR_VCM] = &integrator_vcm,
 };
 
 /* Embree's and our own results depend on it: denormals are flushed on every thread that renders. */
@@ -79,6 +80,7 @@ result_t renderer_new(const scene_blob_t *blob, const job_settings_t *settings, 
     setup->teaching_mask = LESSON_NOBODY;
     if (job_learns(settings))
         plan_prepare(setup, renderer->lights, renderer->integrator, renderer->inverse_brightness);
+    if (renderer->integrator->merges) renderer->photons = photons_new(setup);
     *result = renderer;
     return result_ok();
 }
@@ -99,11 +101,11 @@ static const setup_t *setup_of(const renderer_t *renderer, const unit_t *unit)
     return plan != NULL ? plan_setup(plan) : &renderer->setup;
 }
 
-uint64_t renderer_memory(const scene_blob_t *blob)
+uint64_t renderer_memory(const scene_blob_t *blob, const job_settings_t *settings)
 {
     /* Of Embree's trees, by primitive; and of tables for images and lights, which are smaller than these. */
     const uint64_t primitive = 100;
-    return blob->size +
+    return blob->size + photons_memory(settings) +
            primitive * (blob->counts[BLOB_SECTION_TRIANGLES] + blob->counts[BLOB_SECTION_CURVE_POINTS]);
 }
 
@@ -115,6 +117,7 @@ void renderer_destroy(renderer_t **renderer)
         plan_t *plan = atomic_load(&self->plans[i]);
         plan_destroy(&plan);
     }
+    photons_destroy(&self->photons);
     lights_destroy(&self->lights);
     free(self->camera);
     free(self->light_groups);
@@ -167,37 +170,70 @@ static void add_eye_sample(const setup_t *setup, const sample_t *sample, size_t 
     if (setup->light_groups != NULL) add_groups(setup, sample, pixel, pixels, clamp * sample->eye_weight);
 }
 
-bool renderer_unit(const renderer_t *renderer, const unit_t *unit, unit_result_t *result,
-                   const atomic_bool *cancel)
+/* One sample of a pixel, which is so many of the unit's tile of `pixels`. */
+static void render_sample(const renderer_t *renderer, const setup_t *setup, sample_t sample, size_t pixel,
+                          size_t pixels)
 {
-    const job_settings_t *settings = &renderer->setup.settings;
-    flush_denormals();
-    uint64_t begin = thread_cpu_us();
+    const job_settings_t *settings = &setup->settings;
+    uint32_t number = sample.pixel_y * (uint32_t)settings->width + sample.pixel_x;
+    sample.setup = setup;
+    sample.numbers = sampler_new(settings->sampler, settings->seed, number, sample.sample);
+    sample.time = sample.photons != NULL ? sample.photons->time : sample_time(&sample);
+    rgb_t value = renderer->integrator->sample(&sample);
+    add_eye_sample(setup, &sample, pixel, pixels, value);
+    unit_result_feature(sample.result, pixel, sample.sample, &sample.first_hit);
+}
+
+/* The samples from `first` to before `end` of all pixels of the unit's tile; false when cancelled. */
+static bool render_run(const renderer_t *renderer, const unit_t *unit, uint32_t first, uint32_t end,
+                       const photon_set_t *photons, unit_result_t *result, const atomic_bool *cancel)
+{
     const setup_t *setup = setup_of(renderer, unit);
-    unit_result_reset(result, settings, unit);
-    rect_t rect = job_tile_rect(settings, unit->tile);
-    size_t row = (size_t)(rect.x1 - rect.x0), half_pixels = row * (size_t)(rect.y1 - rect.y0);
+    rect_t rect = job_tile_rect(&setup->settings, unit->tile);
+    size_t row = (size_t)(rect.x1 - rect.x0), pixels = row * (size_t)(rect.y1 - rect.y0);
     for (int y = rect.y0; y < rect.y1; y++)
         for (int x = rect.x0; x < rect.x1; x++) {
             if (atomic_load_explicit(cancel, memory_order_relaxed)) return false;
             size_t pixel = (size_t)(y - rect.y0) * row + (size_t)(x - rect.x0);
-            for (uint32_t i = unit->first; i < unit->first + unit->count; i++) {
-                sample_t sample = {.setup = setup,
-                                   .pixel_x = (uint32_t)x,
+            for (uint32_t i = first; i < end; i++) {
+                sample_t sample = {.pixel_x = (uint32_t)x,
                                    .pixel_y = (uint32_t)y,
                                    .sample = i,
-                                   .numbers = sampler_new(settings->sampler, settings->seed,
-                                                          (uint32_t)(y * settings->width + x), i),
+                                   .photons = photons,
                                    .result = result};
-                sample.time = sample_time(&sample);
-                rgb_t value = renderer->integrator->sample(&sample);
-                add_eye_sample(setup, &sample, pixel, half_pixels, value);
-                unit_result_feature(result, pixel, i, &sample.first_hit);
+                render_sample(renderer, setup, sample, pixel, pixels);
             }
         }
+    return true;
+}
+
+/* The same of a job that merges: sample by sample, since each index has its own photons. */
+static bool render_merging(const renderer_t *renderer, const unit_t *unit, unit_result_t *result,
+                           const atomic_bool *cancel)
+{
+    bool complete = true;
+    for (uint32_t i = unit->first; complete && i < unit_end(unit); i++) {
+        const photon_set_t *photons = photons_hold(renderer->photons, i, cancel);
+        complete = photons != NULL && render_run(renderer, unit, i, i + 1, photons, result, cancel);
+        if (photons != NULL) photons_release(renderer->photons, photons);
+    }
+    return complete;
+}
+
+bool renderer_unit(const renderer_t *renderer, const unit_t *unit, unit_result_t *result,
+                   const atomic_bool *cancel)
+{
+    flush_denormals();
+    uint64_t begin = thread_cpu_us();
+    unit_result_reset(result, &renderer->setup.settings, unit);
+    bool complete = renderer->photons != NULL
+                        ? render_merging(renderer, unit, result, cancel)
+                        : render_run(renderer, unit, unit->first, unit_end(unit), NULL, result, cancel);
+    if (!complete) return false;
+    uint64_t pixels = job_tile_pixels(&renderer->setup.settings, unit->tile);
     if (renderer->integrator->traces_light)
         for (int half = 0; half < 2; half++)
-            result->counts.light_paths[half] = (uint64_t)half_pixels * unit_half_count(unit, half);
+            result->counts.light_paths[half] = pixels * unit_half_count(unit, half);
     result->counts.cpu_us = thread_cpu_us() - begin;
     return true;
 }

@@ -19,7 +19,7 @@ result_t renderer_new(const scene_blob_t *blob, const job_settings_t *settings, 
  * of other passes meanwhile; not more than one at a time may call this. What the plan points to is copied. */
 void renderer_plan(renderer_t *renderer, const learning_plan_t *plan);
 /* Bytes that a renderer of this scene takes beside the blob, roughly. */
-uint64_t renderer_memory(const scene_blob_t *blob);
+uint64_t renderer_memory(const scene_blob_t *blob, const job_settings_t *settings);
 /* Frees the renderer and sets *renderer to NULL. */
 void renderer_destroy(renderer_t **renderer);
 

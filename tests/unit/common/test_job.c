@@ -175,7 +175,7 @@ static void settings_are_checked(void **state)
     bad = good;
     bad.integrator = (integrator_t)0;
     assert_refused(bad, "integrator");
-    bad.integrator = (integrator_t)(INTEGRATOR_AO + 1);
+    bad.integrator = (integrator_t)(INTEGRATOR_VCM + 1);
     assert_refused(bad, "integrator");
     bad = good;
     bad.integrator = INTEGRATOR_AO;

@@ -451,7 +451,7 @@ static void wrong_submissions_are_refused_with_the_reason(void **state)
                  {"\"width\": 64", "width and height belong together"},
                  {"\"width\": 40000, \"height\": 2", "width is"},
                  {"\"width\": 32768, \"height\": 32768", "pixels"},
-                 {"\"integrator\": \"pathh\"", "integrator is one of bdpt, path, light, ao"},
+                 {"\"integrator\": \"pathh\"", "integrator is one of bdpt, path, light, ao, vcm"},
                  {"\"integrator\": 1", "integrator is one of"},
                  {"\"seed\": -1", "seed is"},
                  {"\"seed\": 1e30", "seed is"},

@@ -1,4 +1,6 @@
-/* bdpt: bidirectional path tracing with all strategies of t >= 2 eye and s >= 0 light vertices and of t = 1
+/* bdpt: bidirectional path tracing, and vcm: the same with vertex merging.
+ *
+ * bdpt has all strategies of t >= 2 eye and s >= 0 light vertices and of t = 1
  * and s >= 2, combined by the power heuristic (Veach 1997, chapter 10), with the weights of subpath.h.
  *
  * Light vertices are stored first; each eye vertex then gathers its connections, evaluates each before it
@@ -9,9 +11,17 @@
  * in the lens ends at once.
  *
  * A job may ask for one strategy alone, with its weight or without (job_settings_t): Veach's pyramid.
+ *
+ * vcm adds what no connection finds: light that comes through glass and is seen through glass, too. Each eye
+ * vertex that scatters widely takes the photons about it (photons.h) for light that arrives where it is
+ * itself (Georgiev, Krivanek, Davidovic and Slusallek 2012, "Light Transport Simulation with Vertex
+ * Connection and Merging"). This is one strategy more for every vertex of a path, and all are weighed
+ * together (subpath.h). It blurs light over the distance of merging, which shrinks from sample to sample: vcm
+ * is consistent, not unbiased. Connections and splats stay those of the light subpath of the sample, so that
+ * each unit's splats are its own; photons are there for merging alone.
  */
 #include "worker/render/integrator/lessons.h"
-#include "worker/render/integrator/subpath.h"
+#include "worker/render/integrator/photons.h"
 
 #include <string.h>
 
@@ -40,6 +50,7 @@ typedef struct {
     uint32_t dimensions[SCENE_PACKET]; /* of the vertices they come from */
     uint32_t lights[SCENE_PACKET];     /* where the light of all of them comes from */
     uint32_t fresh; /* bit i is set where it is a fresh place on a light, and not the light subpath */
+    float eta;      /* of merging (subpath.h); 0: there is none */
 } bidirectional_t;
 
 /* True when the job wants the strategy of s light and t eye vertices. */
@@ -74,6 +85,7 @@ static void trace_light_subpath(bidirectional_t *b)
         walk_arrive(&walk, b->sample, y);
         if (y->kind == VERTEX_SKY || !walk_weigh(&walk, y)) return;
         vertex_shade(y, b->setup, walk.scattered);
+        if (b->eta > 0) walk_weigh_merging(&walk, y, b->eta);
         if (vertex_is_joinable(y)) b->light_count++;
         if (!walk_scatter(&walk, b->sample, y)) return;
     }
@@ -225,6 +237,45 @@ static void join_eye_vertex(bidirectional_t *b, const vertex_t *z)
     if (b->connections.segments.count > 0) take_connections(b, false);
 }
 
+/* Weight of the photon merged with the eye vertex, at which the path scatters as `fz` says. The strategies
+ * that join the vertex to one of its neighbours have the densities of merging over eta p_i, p_i of either
+ * subpath; the two chains begin there. */
+static float merging_weight(const bidirectional_t *b, const vertex_t *z, const photon_t *y,
+                            const bsdf_value_t *fz)
+{
+    float count = y->depth == 1 ? light_count(b->setup, y->light, z->first) : 1;
+    float light = square(count) * y->direct + square(fz->pdf) * y->inner;
+    float eye = z->direct + square(fz->pdf_rev) * z->inner;
+    return 1 / (1 + (light + eye) / z->merging);
+}
+
+/* Takes a photon near the eye vertex for light that arrives there; returns what goes on towards the eye.
+ * Photons count per area: where the shading normal makes another angle than the surface, as at light vertices
+ * that are connected (vertex_adjoint). */
+static rgb_t merge_photon(bidirectional_t *b, const vertex_t *z, const photon_t *y)
+{
+    bsdf_value_t fz;
+    float arrives = vertex_area_cosine(z, y->wo);
+    if (!(arrives > 0) || !vertex_eval(z, y->wo, &fz)) return vec3(0, 0, 0);
+    float factor = vertex_cosine(z, y->wo) / arrives * merging_weight(b, z, y, &fz);
+    return v_mul(v_scale(v_mul(z->throughput, fz.f), factor / b->eta), y->throughput);
+}
+
+/* Merges an eye vertex with all photons near it. */
+static void merge_photons(bidirectional_t *b, const vertex_t *z)
+{
+    const photon_set_t *set = b->sample->photons;
+    int most_depth = setup_max_segments(b->setup) - z->depth;
+    photon_range_t ranges[PHOTON_CELLS];
+    int count = photon_grid_near(&set->grid, vertex_point(z), ranges);
+    for (int k = 0; k < count; k++)
+        for (uint32_t i = ranges[k].first; i < ranges[k].end; i++) {
+            if (!(v_length2(v_sub(set->points[i], vertex_point(z))) < square(set->radius))) continue;
+            const photon_t *y = &set->photons[i];
+            if (y->depth <= most_depth) add_radiance(b, merge_photon(b, z, y), y->light);
+        }
+}
+
 /* Joins the light subpath to the camera. */
 static void splat_light_subpath(bidirectional_t *b)
 {
@@ -262,6 +313,7 @@ static rgb_t bdpt_sample(sample_t *sample)
     b.fresh = 0;
     b.brought = 0;
     b.teaches = lesson_due(sample);
+    b.eta = sample->photons != NULL ? sample->photons->eta : 0;
     b.own = vec3(0, 0, 0);
     uint64_t rays = sample->result->counts.rays;
     int segments = setup_max_segments(b.setup);
@@ -281,7 +333,9 @@ static rgb_t bdpt_sample(sample_t *sample)
         vertex_shade(&z, b.setup, walk.scattered);
         if (i == 1) vertex_first_hit(&z, sample, eye);
         if (i == segments) break;
+        if (b.eta > 0) walk_weigh_merging(&walk, &z, b.eta);
         if (vertex_is_joinable(&z) && !lights_empty(b.setup->lights)) join_eye_vertex(&b, &z);
+        if (z.merging > 0) merge_photons(&b, &z);
         if (!walk_scatter(&walk, sample, &z)) break;
     }
     if (b.teaches) teach(&b, sample->result->counts.rays - rays);
@@ -289,3 +343,4 @@ static rgb_t bdpt_sample(sample_t *sample)
 }
 
 const integrator_ops_t integrator_bdpt = {.sample = bdpt_sample, .traces_light = true};
+const integrator_ops_t integrator_vcm = {.sample = bdpt_sample, .traces_light = true, .merges = true};

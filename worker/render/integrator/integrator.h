@@ -43,6 +43,8 @@ static inline float setup_brightness(const setup_t *setup, float x, float y)
     return setup->inverse_brightness[BRIGHTNESS_SIDE * v + u];
 }
 
+struct photon_set; /* photons.h */
+
 /* One sample in the making. */
 typedef struct {
     const setup_t *setup;
@@ -52,16 +54,19 @@ typedef struct {
     float eye_weight;               /* factor on the eye subpath's radiance; set by sample_eye_ray */
     first_hit_t first_hit;          /* filled by integrators that trace eye subpaths */
     rgb_t groups[LIGHT_GROUPS_MAX]; /* what of the radiance of the eye subpath comes from each light group */
-    unit_result_t *result;          /* receives splats and counts */
+    const struct photon_set *photons; /* that it merges with; NULL: none */
+    unit_result_t *result;            /* receives splats and counts */
 } sample_t;
 
 typedef struct {
     /* Radiance along the eye subpath of this sample. */
     rgb_t (*sample)(sample_t *sample);
     bool traces_light; /* every sample traces one light subpath */
+    bool merges;       /* samples get photons */
 } integrator_ops_t;
 
-extern const integrator_ops_t integrator_bdpt, integrator_path, integrator_light, integrator_ao;
+extern const integrator_ops_t integrator_bdpt, integrator_path, integrator_light, integrator_ao,
+    integrator_vcm;
 
 /* Where the streams of random numbers of the two subpaths begin, and how many numbers (pairs) lie between one
  * vertex and the next. They alternate: dimensions never collide however long the paths, and those of the

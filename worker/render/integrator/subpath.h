@@ -24,6 +24,18 @@
  *   share_i = r_i^2 (direct_i + q^2 inner_i),    direct_i = c_i / p_i^2,
  *   inner_i = g^2 / p_i^2 (direct_{i-1} + q_{i-1}^2 inner_{i-1}).
  *
+ * Vertex merging (bdpt.c: vcm) adds strategies in the same terms. Joining a light vertex to an eye vertex
+ * that lies within the distance r makes a path whose vertex i both subpaths have made; M light subpaths are
+ * tried. Its density is that of the strategy which joins vertices i - 1 and i, times p_i (the other subpath
+ * made vertex i already) times eta = M pi r^2 (Georgiev et al. 2012, "Light Transport Simulation with Vertex
+ * Connection and Merging", equation 7). With m_i 1 where vertex i can be merged, else 0,
+ *
+ *   share_i = (r_i / p_i)^2 (c_i + m_i eta^2 p_i^2 + (r_{i-1} / p_{i-1})^2 (c_{i-1} + m_{i-1} eta^2 p_{i-1}^2
+ * + ...)),
+ *
+ * so that all there is to do is to put direct_i + m_i eta^2 in the place of direct_i. Without merging eta is
+ * 0.
+ *
  * Pictures (LIGHT_PICTURE) are met only by eye subpaths that nothing but mirrors and clear glass has turned,
  * and by the segments that join light vertices to the camera. No light subpath starts or ends on one and no
  * vertex is joined to one, so what an eye subpath sees of it has weight 1. All other segments lie beyond a
@@ -155,11 +167,19 @@ static inline bool walk_weigh(walk_t *walk, vertex_t *vertex)
     float distance2, p = walk_density(walk, vertex, &distance2);
     vertex->inv_p2 = 1 / square(p);
     vertex->direct = walk->joinable ? vertex->inv_p2 : 0;
+    vertex->merging = 0;
     vertex->inner = square(walk->cosine / distance2) * vertex->inv_p2 * chain;
     /* Of the first vertex of a light subpath: s = 1 draws the light's places with another density. */
     walk->direct = walk->depth == 1 ? square(walk->view_ratio) * vertex->direct : vertex->direct;
     walk->inner = vertex->inner;
     return vertex->kind == VERTEX_SKY || (p > 0x1p-60f && p < 0x1p60f);
+}
+
+/* Notes that the vertex, which was weighed and shaded, takes part in merging; `eta` as above. */
+static inline void walk_weigh_merging(walk_t *walk, vertex_t *vertex, float eta)
+{
+    vertex->merging = vertex_is_mergeable(vertex) ? square(eta) : 0;
+    walk->direct += vertex->merging;
 }
 
 /* Scatters at the vertex. False when the subpath ends here. */
@@ -169,7 +189,7 @@ bool walk_scatter(walk_t *walk, const sample_t *sample, const vertex_t *vertex);
  * for once of the others. */
 static inline float mis_share_counted(const vertex_t *vertex, float r, float q, float count)
 {
-    return square(r) * (square(count) * vertex->direct + square(q) * vertex->inner);
+    return square(r) * (square(count) * vertex->direct + vertex->merging + square(q) * vertex->inner);
 }
 
 static inline float mis_share(const vertex_t *vertex, float r, float q)

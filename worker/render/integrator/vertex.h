@@ -30,6 +30,7 @@ typedef struct {
     float inv_p2;       /* 1 / p_i^2; this and the next two only for weights (walk_weigh) */
     float direct;       /* c_i / p_i^2, were the vertex not specular */
     float inner;
+    float merging; /* m_i eta^2 */
 } vertex_t;
 
 /* Makes the BSDF. `scattered`: the path was scattered before by something that is not specular. */
@@ -50,6 +51,12 @@ static inline vec3_t vertex_point(const vertex_t *vertex)
 static inline bool vertex_is_joinable(const vertex_t *vertex)
 {
     return !vertex->bsdf.specular;
+}
+
+/* False when light that arrives nearby says nothing about it. */
+static inline bool vertex_is_mergeable(const vertex_t *vertex)
+{
+    return bsdf_is_broad(&vertex->bsdf);
 }
 
 /* Light that is scattered between wo and w: as bsdf_eval. */
