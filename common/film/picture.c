@@ -111,6 +111,12 @@ static void add_settings(image_t *image, const job_settings_t *settings)
     if (settings->error > 0) image_set_float(image, "lightmill.errorTarget", (float)settings->error);
     if (settings->adaptive) image_set_int(image, "lightmill.adaptive", 1);
     if (job_learns(settings)) image_set_int(image, "lightmill.learn", 1);
+    if (settings->integrator == INTEGRATOR_VCM)
+        image_set_string(
+            image, "lightmill.bias",
+            "consistent, not unbiased: merging blurs light, the less the more samples there are");
+    if (settings->merge_radius > 0)
+        image_set_float(image, "lightmill.mergeRadius", (float)settings->merge_radius);
     if (settings->light_groups[0] != '\0')
         image_set_string(image, "lightmill.lightGroups", settings->light_groups);
     if (settings->strategy_t == 0) return;

@@ -258,7 +258,7 @@ static rgb_t merge_photon(bidirectional_t *b, const vertex_t *z, const photon_t 
     float arrives = vertex_area_cosine(z, y->wo);
     if (!(arrives > 0) || !vertex_eval(z, y->wo, &fz)) return vec3(0, 0, 0);
     float factor = vertex_cosine(z, y->wo) / arrives * merging_weight(b, z, y, &fz);
-    return v_mul(v_scale(v_mul(z->throughput, fz.f), factor / b->eta), y->throughput);
+    return v_mul(v_scale(v_mul(z->throughput, fz.f), factor / b->sample->photons->area), y->throughput);
 }
 
 /* Merges an eye vertex with all photons near it. */

@@ -1,12 +1,12 @@
 /* photons: what vcm merges eye vertices with: the vertices of light subpaths that belong to no pixel.
  *
- * A set of photons belongs to a sample index: all pixels merge their sample i with set i. It is a pure function
- * of the scene, the settings and i, so every worker makes the same, and it does not matter which one renders
- * which tile. The price is that each worker makes every set that it needs. Threads make a set together; a few
- * sets are kept, for units take them in turn (job_run_end).
+ * A set of photons belongs to a sample index: all pixels merge their sample i with set i. It is a pure
+ * function of the scene, the settings and i, so every worker makes the same, and it does not matter which one
+ * renders which tile. The price is that each worker makes every set that it needs. Threads make a set
+ * together; a few sets are kept, for units take them in turn (job_run_end).
  *
- * The distance within which photons are merged shrinks from set to set, so that what merging blurs vanishes as
- * the image converges: r_i = r_1 (i + 1)^((alpha - 1) / 2) with alpha = 3/4 (Knaus and Zwicker 2011,
+ * The distance within which photons are merged shrinks from set to set, so that what merging blurs vanishes
+ * as the image converges: r_i = r_1 (i + 1)^((alpha - 1) / 2) with alpha = 3/4 (Knaus and Zwicker 2011,
  * "Progressive Photon Mapping: A Probabilistic Approach", equation 20, and section 4.1 of the paper on VCM).
  */
 #ifndef LIGHTMILL_PHOTONS_H
@@ -27,13 +27,14 @@ typedef struct {
 } photon_t;
 
 typedef struct photon_set {
-    uint32_t index;      /* of the samples that merge with it */
-    float radius;        /* r_i */
-    float eta;           /* M pi r_i^2 (subpath.h) */
-    float time;          /* at which all of it happens, and the paths that it is merged with */
-    photon_grid_t grid;  /* of the points, */
-    vec3_t *points;      /* which are in its order, */
-    photon_t *photons;   /* and so are these */
+    uint32_t index;     /* of the samples that merge with it */
+    float radius;       /* r_i */
+    float area;         /* M pi r_i^2: what one photon near a vertex stands for is over this */
+    float eta;          /* as weights count it (subpath.h) */
+    float time;         /* at which all of it happens, and the paths that it is merged with */
+    photon_grid_t grid; /* of the points, */
+    vec3_t *points;     /* which are in its order, */
+    photon_t *photons;  /* and so are these */
 } photon_set_t;
 
 /* The sets of a job. */
