@@ -36,12 +36,13 @@ enum { SPP = 64, SPP_EACH = 16 };
 #endif
 
 /* Renders a scene with one more option; returns the hash of its pixels, all layers. */
-static hash_t render_scene(const char *scene, int samples, const char *option, const char *value)
+static hash_t render_by(const char *integrator, const char *scene, int samples, const char *option,
+                        const char *value)
 {
     rig_t *rig = rig_new();
     char *path = scratch_path(rig->folder, "image.exr"), *spp = mem_printf("%d", samples);
     assert_int_equal(rig_run(rig, (const char *[]){"render", scene, "--spp", spp, "--quiet", "-o", path,
-                                                   option, value, NULL}),
+                                                   "--integrator", integrator, option, value, NULL}),
                      0);
     check_layers(path, strcmp(option, "--no-layers") != 0);
     hash_t hash = rig_file_hash(path);
@@ -49,6 +50,11 @@ static hash_t render_scene(const char *scene, int samples, const char *option, c
     free(spp);
     rig_destroy(&rig);
     return hash;
+}
+
+static hash_t render_scene(const char *scene, int samples, const char *option, const char *value)
+{
+    return render_by("bdpt", scene, samples, option, value);
 }
 
 static hash_t render(const char *option, const char *value)
@@ -68,6 +74,23 @@ static void threads_and_workers_make_no_difference(void **state)
     for (size_t i = 0; i < ARRAY_LENGTH(ways); i++) {
         hash_t hash = render(ways[i][0], ways[i][1]);
         if (!hash_equal(&first, &hash)) fail_msg("%s %s gives another image", ways[i][0], ways[i][1]);
+    }
+}
+
+/* Photons are made by whoever needs them first, together, and anew in each process. */
+static void photons_keep_their_bits(void **state)
+{
+    (void)state;
+    static const char *const ways[][2] = {{"--threads", "2"},
+                                          {"--workers", "1"},
+                                          {"--workers", "2"},
+                                          {"--workers", "3"},
+                                          {"--tile-size", "50"}};
+    const char *scene = "tests/statistics/pool.pbrt";
+    hash_t first = render_by("vcm", scene, SPP_EACH, "--threads", "1");
+    for (size_t i = 0; i < ARRAY_LENGTH(ways); i++) {
+        hash_t hash = render_by("vcm", scene, SPP_EACH, ways[i][0], ways[i][1]);
+        if (!hash_equal(&first, &hash)) fail_msg("%s %s gives another image by vcm", ways[i][0], ways[i][1]);
     }
 }
 
@@ -166,6 +189,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(threads_and_workers_make_no_difference),
+        cmocka_unit_test(photons_keep_their_bits),
         cmocka_unit_test(every_kind_of_scene_keeps_its_bits),
         cmocka_unit_test(layers_can_be_left_out),
         cmocka_unit_test(another_seed_gives_another_image),

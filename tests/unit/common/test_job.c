@@ -178,6 +178,16 @@ static void settings_are_checked(void **state)
     bad.integrator = (integrator_t)(INTEGRATOR_VCM + 1);
     assert_refused(bad, "integrator");
     bad = good;
+    bad.merge_radius = 0.1;
+    assert_refused(bad, "merge radius");
+    bad.integrator = INTEGRATOR_VCM;
+    assert_int_equal(job_settings_check(&bad).code, RESULT_OK);
+    assert_true(job_has_splats(&bad));
+    bad.merge_radius = 2 * JOB_MAX_MERGE_RADIUS;
+    assert_refused(bad, "merge radius");
+    bad.merge_radius = -1;
+    assert_refused(bad, "merge radius");
+    bad = good;
     bad.integrator = INTEGRATOR_AO;
     assert_int_equal(job_settings_check(&bad).code, RESULT_OK);
     assert_false(job_has_splats(&bad));
@@ -288,7 +298,8 @@ static void every_kind_has_its_name(void **state)
     assert_string_equal(integrator_name(INTEGRATOR_PATH), "path");
     assert_string_equal(integrator_name(INTEGRATOR_LIGHT), "light");
     assert_string_equal(integrator_name(INTEGRATOR_AO), "ao");
-    assert_null(integrator_names[INTEGRATOR_AO]);
+    assert_string_equal(integrator_name(INTEGRATOR_VCM), "vcm");
+    assert_null(integrator_names[INTEGRATOR_VCM]);
     assert_string_equal(sampler_name(SAMPLER_SOBOL), "sobol");
     assert_string_equal(sampler_name(SAMPLER_INDEPENDENT), "independent");
     assert_null(sampler_names[SAMPLER_INDEPENDENT]);

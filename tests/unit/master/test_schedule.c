@@ -453,6 +453,27 @@ static void a_long_job_stays_small(void **state)
     schedule_destroy(&schedule);
 }
 
+/* Samples of all tiles come in the same runs, so that few sets of photons are in use at a time. */
+static void units_of_vcm_keep_to_runs(void **state)
+{
+    (void)state;
+    job_settings_t settings = small_job(37);
+    settings.integrator = INTEGRATOR_VCM;
+    schedule_t *schedule = schedule_new(&settings);
+    unit_t units[64];
+    uint32_t run = 0;
+    for (size_t n; (n = schedule_take(schedule, &(schedule_wish_t){1, 5000, 4000, 1, 1}, units, 64)) > 0;) {
+        for (size_t i = 0; i < n; i++) {
+            assert_true(unit_end(&units[i]) <= job_run_end(&settings, units[i].first));
+            assert_true(units[i].first / JOB_PHOTON_RUN >= run);
+            run = units[i].first / JOB_PHOTON_RUN;
+        }
+        assert_int_equal(schedule_accept(schedule, units, n).code, RESULT_OK);
+    }
+    assert_true(schedule_round_counted(schedule));
+    schedule_destroy(&schedule);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -466,6 +487,7 @@ int main(void)
         cmocka_unit_test(a_random_farm_agrees_with_a_table),
         cmocka_unit_test(a_random_farm_with_rounds_agrees_with_a_table),
         cmocka_unit_test(a_long_job_stays_small),
+        cmocka_unit_test(units_of_vcm_keep_to_runs),
     };
     return cmocka_run_group_tests_name("schedule", tests, NULL, NULL);
 }
