@@ -121,7 +121,7 @@ static const option_t rows[] = {
     OPTION(overrides_t, no_learn, "no-learn", NULL,
            "all samples alike: later ones are not placed by what earlier ones show (bdpt)"),
     OPTION(overrides_t, merge_radius, "merge-radius", "R",
-           "merge photons within R scene units at first (vcm; default: two pixels wide)",
+           "merge photons within R scene units at first (vcm; default: the width of two pixels)",
            OPTION_RANGE(1e-30, JOB_MAX_MERGE_RADIUS)),
     OPTION(overrides_t, no_layers, "no-layers", NULL,
            "without the layers of what is seen: albedo, normal, position, depth, ..."),

@@ -133,7 +133,7 @@ static void bash_completes_what_there_is(void **state)
     (void)state;
     assert_completes("lightmill re", "render resume retain release\n");
     assert_completes("lightmill render --in", "--integrator\n");
-    assert_completes("lightmill render --integrator \"\"", "bdpt path light ao\n");
+    assert_completes("lightmill render --integrator \"\"", "bdpt path light ao vcm\n");
     assert_completes("lightmill render scene.pbrt --integrator p", "path\n");
     assert_completes("lightmill status --ma", "--master --master-key --man\n");
     assert_completes("lightmill keygen --right w", "worker\n");

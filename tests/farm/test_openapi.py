@@ -355,11 +355,12 @@ def check_submissions(asker, name):
     submit(201, name="all that can be said", spp=64, time=60, error=0.5, adaptive=True, width=24, height=16, integrator="path",
            sampler="sobol", seed="18446744073709551615", max_depth=3, tile_size=16, film_scale=20, layers=False, cryptomatte=False,
            learn=False, priority=-1, verify=0.5, mixed=True, halves=True)
+    submit(201, integrator="vcm", merge_radius=0.5, spp=1)
     for wrong in ({"samples": 4}, {"spp": 0}, {"spp": 1.5}, {"spp": "4"}, {"error": 0}, {"error": 1}, {"time": -1}, {"width": 0, "height": 3}, {"width": 3},
                   {"integrator": "pt"}, {"sampler": 1}, {"seed": -1}, {"seed": "0x4"}, {"max_depth": 101}, {"tile_size": 7},
                   {"film_scale": 41}, {"layers": 1}, {"priority": 1001}, {"verify": 2}, {"mixed": "yes"}, {"halves": None},
                   {"save_at": [0]}, {"save_at": 4}, {"save_at": list(range(1, 66))}, {"name": ""}, {"name": 3}, {"blob": "12"},
-                  {"blob": None}, {"cryptomatte": 2}, {"learn": "no"}, {"light_groups": 3}, {"adaptive": 0}):
+                  {"blob": None}, {"cryptomatte": 2}, {"learn": "no"}, {"merge_radius": -1}, {"light_groups": 3}, {"adaptive": 0}):
         submit(400, **wrong)
     for wrong in ({"light_groups": "a=0,a=1"}, {"save_at": [8, 4]}, {"save_at": [4], "adaptive": True}, {"name": "\u00e4" * 101}):
         submit(400, **wrong, described=False)
@@ -388,7 +389,7 @@ def check_events(asker, job):
 
 def check_reports(asker, job):
     wait_for("history", lambda: asker.ask(200, "GET", f"/api/v1/jobs/{job}/history", right="view")["points"])
-    assert len(asker.ask(200, "GET", "/api/v1/jobs", right="view")["jobs"]) == 2
+    assert len(asker.ask(200, "GET", "/api/v1/jobs", right="view")["jobs"]) == 3
     assert asker.ask(200, "GET", f"/api/v1/jobs/{job}", right="view")["samples_done"] > 0
     assert len(asker.ask(200, "GET", "/api/v1/workers", right="view")["workers"]) == 1
     assert asker.ask(200, "GET", "/api/v1/farm", right="view")["jobs"]["running"] == 1

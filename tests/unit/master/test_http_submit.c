@@ -390,6 +390,7 @@ static void a_job_is_as_its_scene_and_its_submission_say(void **state)
     expect_job(t, "\"width\": 10, \"height\": 20", "\"width\":10,\"height\":20,");
     expect_job(t, "\"integrator\": \"path\", \"sampler\": \"independent\"",
                "\"integrator\":\"path\",\"sampler\":\"independent\"");
+    expect_job(t, "\"integrator\": \"vcm\", \"merge_radius\": 0.5", "\"merge_radius\":0.5");
     expect_job(t, "\"seed\": 7", "\"seed\":7,");
     expect_job(t, "\"seed\": \"9007199254740993\"", "\"seed\":9007199254740993,");
     expect_job(t, "\"seed\": \"18446744073709551615\"", "\"seed\":\"18446744073709551615\"");
@@ -453,6 +454,7 @@ static void wrong_submissions_are_refused_with_the_reason(void **state)
                  {"\"width\": 32768, \"height\": 32768", "pixels"},
                  {"\"integrator\": \"pathh\"", "integrator is one of bdpt, path, light, ao, vcm"},
                  {"\"integrator\": 1", "integrator is one of"},
+                 {"\"merge_radius\": 0.5", "belongs to the integrator vcm"},
                  {"\"seed\": -1", "seed is"},
                  {"\"seed\": 1e30", "seed is"},
                  {"\"seed\": \"0x7\"", "seed is"},
