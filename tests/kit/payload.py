@@ -15,7 +15,7 @@ LAYERED_SAMPLES = 32  # features and mattes are of the first so many
 PLAIN = [range(0, 3)]
 FRAME = [range(0, 3)]
 LESSONS = [range(0, 1)]
-LESSON_PLACES = 32768
+LESSON_PLACES = 131072
 FEATURES = [range(0, 3), range(3, 6), range(6, 9), range(9, 10), range(10, 12), range(12, 14)]
 MATTES = [range(0, 3), range(3, 6), range(6, 9), range(9, 12), range(12, 15), range(15, 16)]
 
