@@ -258,7 +258,7 @@ static void lessons_cannot_overflow(void **state)
     lesson_limits_t limits = batch_lesson_limits(&batch);
     uint32_t bits =
         LEARNING_BITS + pass + 27; /* the pass has 2^pass samples a pixel, the image 2^27 pixels */
-    assert_true(bits < 62 && limits.limit[pass] == UINT64_C(1) << bits);
+    assert_int_equal(limits.limit[pass], UINT64_C(1) << bits);
     for (uint32_t t = 0; t < tiles; t++) batch.units[t].count = JOB_MAX_SPP - begin; /* nobody issues such */
     limits = batch_lesson_limits(&batch);
     assert_true(limits.limit[pass] == UINT64_C(1) << 62);
