@@ -135,7 +135,9 @@ static inline size_t pack_lanes(scratch_t *scratch, const band_t *band, const in
 
 static size_t pack_pixels(scratch_t *scratch, const band_t *band, const int64_t *values)
 {
-    if (!band->differences) return pack_lanes(scratch, band, values, SUM_GROUP_VALUES, false);
+    if (!band->differences)
+        return band->lanes == 1 ? pack_lanes(scratch, band, values, 1, false)
+                                : pack_lanes(scratch, band, values, SUM_GROUP_VALUES, false);
     if (band->lanes == 3) return pack_lanes(scratch, band, values, 3, true);
     if (band->lanes == 2) return pack_lanes(scratch, band, values, 2, true);
     return pack_lanes(scratch, band, values, 1, true);
