@@ -223,7 +223,7 @@ class OnAFarm(Case):
     def test_a_job_is_watched_through_the_death_of_its_master(self):
         farm = self.farm()
         farm.start_worker()
-        number = farm.submit("--time", "5", "--save-at", "16,64")
+        number = farm.submit("--time", "8", "--save-at", "16,64")
         job = lightmill.Master(data=farm.data).job(number)
         again = threading.Thread(target=lambda: (time.sleep(0.7), farm.start_master()))
         seen = []
