@@ -2,6 +2,7 @@
 #include "worker/render/renderer.h"
 
 #include "worker/render/integrator/lessons.h"
+#include "worker/render/integrator/light_pool.h"
 #include "worker/render/integrator/photons.h"
 #include "worker/render/plan/plan.h"
 
@@ -170,51 +171,94 @@ static void add_eye_sample(const setup_t *setup, const sample_t *sample, size_t 
     if (setup->light_groups != NULL) add_groups(setup, sample, pixel, pixels, clamp * sample->eye_weight);
 }
 
-/* One sample of a pixel, which is so many of the unit's tile of `pixels`. */
-static void render_sample(const renderer_t *renderer, const setup_t *setup, sample_t sample, size_t pixel,
-                          size_t pixels)
+/* The block of pixels whose first one is at (x, y); `rect` is what of it is rendered. */
+typedef struct {
+    int x, y;
+    rect_t film, rect;
+} block_t;
+
+static rect_t block_cut(int x, int y, const rect_t *with)
 {
-    const job_settings_t *settings = &setup->settings;
-    uint32_t number = sample.pixel_y * (uint32_t)settings->width + sample.pixel_x;
-    sample.setup = setup;
-    sample.numbers = sampler_new(settings->sampler, settings->seed, number, sample.sample);
-    sample.time = sample.photons != NULL ? sample.photons->time : sample_time(&sample);
-    rgb_t value = renderer->integrator->sample(&sample);
-    add_eye_sample(setup, &sample, pixel, pixels, value);
-    unit_result_feature(sample.result, pixel, sample.sample, &sample.first_hit);
+    return (rect_t){int_max(x, with->x0), int_max(y, with->y0), int_min(x + BLOCK_SIDE, with->x1),
+                    int_min(y + BLOCK_SIDE, with->y1)};
+}
+
+/* Makes the sample that of a pixel. */
+static void place_sample(sample_t *sample, int x, int y)
+{
+    const job_settings_t *settings = &sample->setup->settings;
+    uint32_t number = (uint32_t)y * (uint32_t)settings->width + (uint32_t)x;
+    sample->pixel_x = (uint32_t)x;
+    sample->pixel_y = (uint32_t)y;
+    sample->numbers = sampler_new(settings->sampler, settings->seed, number, sample->sample);
+}
+
+/* The light half of the samples of a block, which get its time. */
+static void trace_light(const integrator_ops_t *integrator, const block_t *block, sample_t *sample)
+{
+    place_sample(sample, block->x, block->y);
+    if (sample->photons == NULL) sample->time = sample_time(sample);
+    const rect_t *film = &block->film, *rect = &block->rect;
+    light_pool_reset(sample->pool, (film->x1 - film->x0) * (film->y1 - film->y0));
+    for (int y = film->y0; y < film->y1; y++)
+        for (int x = film->x0; x < film->x1; x++) {
+            bool own = x >= rect->x0 && x < rect->x1 && y >= rect->y0 && y < rect->y1;
+            sample_t of_pixel = *sample;
+            place_sample(&of_pixel, x, y);
+            integrator->light(&of_pixel, own);
+        }
+}
+
+/* The samples of one index of a block; `sample` has what they share. */
+static void render_block(const integrator_ops_t *integrator, const block_t *block, const rect_t *tile,
+                         sample_t sample)
+{
+    int row = tile->x1 - tile->x0;
+    size_t pixels = (size_t)row * (size_t)(tile->y1 - tile->y0);
+    if (sample.photons != NULL) sample.time = sample.photons->time;
+    if (integrator->light != NULL) trace_light(integrator, block, &sample);
+    for (int y = block->rect.y0; y < block->rect.y1; y++)
+        for (int x = block->rect.x0; x < block->rect.x1; x++) {
+            sample_t of_pixel = sample;
+            size_t pixel = (size_t)((y - tile->y0) * row + x - tile->x0);
+            place_sample(&of_pixel, x, y);
+            if (integrator->light == NULL) of_pixel.time = sample_time(&of_pixel);
+            rgb_t value = integrator->sample(&of_pixel);
+            add_eye_sample(sample.setup, &of_pixel, pixel, pixels, value);
+            unit_result_feature(sample.result, pixel, sample.sample, &of_pixel.first_hit);
+        }
+    if (integrator->close != NULL) integrator->close(&sample);
 }
 
 /* The samples from `first` to before `end` of all pixels of the unit's tile; false when cancelled. */
 static bool render_run(const renderer_t *renderer, const unit_t *unit, uint32_t first, uint32_t end,
-                       const photon_set_t *photons, unit_result_t *result, const atomic_bool *cancel)
+                       const photon_set_t *photons, light_pool_t *pool, unit_result_t *result,
+                       const atomic_bool *cancel)
 {
     const setup_t *setup = setup_of(renderer, unit);
-    rect_t rect = job_tile_rect(&setup->settings, unit->tile);
-    size_t row = (size_t)(rect.x1 - rect.x0), pixels = row * (size_t)(rect.y1 - rect.y0);
-    for (int y = rect.y0; y < rect.y1; y++)
-        for (int x = rect.x0; x < rect.x1; x++) {
-            if (atomic_load_explicit(cancel, memory_order_relaxed)) return false;
-            size_t pixel = (size_t)(y - rect.y0) * row + (size_t)(x - rect.x0);
+    const rect_t film = {0, 0, setup->settings.width, setup->settings.height};
+    rect_t tile = job_tile_rect(&setup->settings, unit->tile);
+    for (int y = tile.y0 / BLOCK_SIDE * BLOCK_SIDE; y < tile.y1; y += BLOCK_SIDE)
+        for (int x = tile.x0 / BLOCK_SIDE * BLOCK_SIDE; x < tile.x1; x += BLOCK_SIDE) {
+            block_t block = {x, y, block_cut(x, y, &film), block_cut(x, y, &tile)};
             for (uint32_t i = first; i < end; i++) {
-                sample_t sample = {.pixel_x = (uint32_t)x,
-                                   .pixel_y = (uint32_t)y,
-                                   .sample = i,
-                                   .photons = photons,
-                                   .result = result};
-                render_sample(renderer, setup, sample, pixel, pixels);
+                if (atomic_load_explicit(cancel, memory_order_relaxed)) return false;
+                sample_t sample = {
+                    .setup = setup, .sample = i, .photons = photons, .pool = pool, .result = result};
+                render_block(renderer->integrator, &block, &tile, sample);
             }
         }
     return true;
 }
 
 /* The same of a job that merges: sample by sample, since each index has its own photons. */
-static bool render_merging(const renderer_t *renderer, const unit_t *unit, unit_result_t *result,
-                           const atomic_bool *cancel)
+static bool render_merging(const renderer_t *renderer, const unit_t *unit, light_pool_t *pool,
+                           unit_result_t *result, const atomic_bool *cancel)
 {
     bool complete = true;
     for (uint32_t i = unit->first; complete && i < unit_end(unit); i++) {
         const photon_set_t *photons = photons_hold(renderer->photons, i, cancel);
-        complete = photons != NULL && render_run(renderer, unit, i, i + 1, photons, result, cancel);
+        complete = photons != NULL && render_run(renderer, unit, i, i + 1, photons, pool, result, cancel);
         if (photons != NULL) photons_release(renderer->photons, photons);
     }
     return complete;
@@ -226,9 +270,11 @@ bool renderer_unit(const renderer_t *renderer, const unit_t *unit, unit_result_t
     flush_denormals();
     uint64_t begin = thread_cpu_us();
     unit_result_reset(result, &renderer->setup.settings, unit);
+    light_pool_t *pool = light_pool_new();
     bool complete = renderer->photons != NULL
-                        ? render_merging(renderer, unit, result, cancel)
-                        : render_run(renderer, unit, unit->first, unit_end(unit), NULL, result, cancel);
+                        ? render_merging(renderer, unit, pool, result, cancel)
+                        : render_run(renderer, unit, unit->first, unit_end(unit), NULL, pool, result, cancel);
+    light_pool_destroy(&pool);
     if (!complete) return false;
     uint64_t pixels = job_tile_pixels(&renderer->setup.settings, unit->tile);
     if (renderer->integrator->traces_light)

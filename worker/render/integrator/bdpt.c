@@ -3,9 +3,10 @@
  * bdpt has all strategies of t >= 2 eye and s >= 0 light vertices and of t = 1
  * and s >= 2, combined by the power heuristic (Veach 1997, chapter 10), with the weights of subpath.h.
  *
- * Light vertices are stored first; each eye vertex then gathers its connections, evaluates each before it
- * pays for the shadow ray, and traces the rays of those that carry anything as one packet. (Leaving faint
- * ones to Russian roulette was tried: it saves as much time as it adds noise.)
+ * The light subpaths of a block of pixels are traced first, and joined to the camera. Their vertices make a
+ * pool. Each eye vertex is joined to fresh places on lights (s = 1), and to a few vertices that it chooses
+ * from the pool (light_pool.h). It evaluates each before it pays for the shadow ray, and traces the rays of
+ * those that carry anything as one packet.
  *
  * Where nothing can be joined to the camera (camera.h) there is no t = 1, and a sample whose eye ray is lost
  * in the lens ends at once.
@@ -17,150 +18,134 @@
  * itself (Georgiev, Krivanek, Davidovic and Slusallek 2012, "Light Transport Simulation with Vertex
  * Connection and Merging"). This is one strategy more for every vertex of a path, and all are weighed
  * together (subpath.h). It blurs light over the distance of merging, which shrinks from sample to sample: vcm
- * is consistent, not unbiased. Connections and splats stay those of the light subpath of the sample, so that
+ * is consistent, not unbiased. Connections and splats stay those of the light subpaths of the block, so that
  * each unit's splats are its own; photons are there for merging alone.
  */
 #include "worker/render/integrator/lessons.h"
+#include "worker/render/integrator/light_pool.h"
 #include "worker/render/integrator/photons.h"
 
 #include <string.h>
 
-enum { MAX_VERTICES = JOB_MAX_DEPTH + 2 };
 /* Sooner adds more noise than it saves time. */
 static const roulette_t roulette = {.from = 3, .most = 1};
 
-/* One bidirectional sample. */
+/* To how many vertices of the pool an eye vertex is joined. */
+enum { CHOICES = 2 };
+
+/* One of the two halves of a sample: its eye or its light subpath. */
 typedef struct {
     sample_t *sample;
     const setup_t *setup;
-    rgb_t radiance;   /* of the eye subpath, so far */
-    uint32_t source;  /* the light that the light subpath starts from, */
-    float view_ratio; /* of its place there (light_ray_t), */
-    /* For lessons: */
+    rgb_t radiance;    /* of the eye subpath, so far */
+    rgb_t own;         /* what of it is not a light seen directly, for lessons */
+    light_path_t path; /* the light subpath */
+    float eta;         /* of merging (subpath.h); 0: there is none */
     bool teaches;
-    float density;       /* of the start of the light subpath; 0: none */
-    uint32_t lessons[2]; /* of that start */
-    float brought;       /* by the light subpath: squares, in terms of how bright the picture is there */
-    rgb_t own;           /* of `radiance` what needs no light subpath, and is not a light seen directly */
-    uint64_t light_rays; /* that the light subpath took, with all that is joined to it */
-    int light_count;     /* stored light vertices, in the order of the subpath */
-    vertex_t light[MAX_VERTICES];
     connections_t connections;         /* candidates of one vertex, or of the camera */
     vec2_t rasters[SCENE_PACKET];      /* where those to the camera fall */
     uint32_t dimensions[SCENE_PACKET]; /* of the vertices they come from */
     uint32_t lights[SCENE_PACKET];     /* where the light of all of them comes from */
-    uint32_t fresh; /* bit i is set where it is a fresh place on a light, and not the light subpath */
-    float eta;      /* of merging (subpath.h); 0: there is none */
-} bidirectional_t;
+    light_path_t *paths[SCENE_PACKET]; /* that those to the pool come from; NULL: a fresh place on a light */
+    float factors[SCENE_PACKET];       /* of these choices */
+} half_t;
 
 /* True when the job wants the strategy of s light and t eye vertices. */
-static inline bool is_wanted(const bidirectional_t *b, int s, int t)
+static inline bool is_wanted(const half_t *b, int s, int t)
 {
     const job_settings_t *settings = &b->setup->settings;
     return settings->strategy_t == 0 || (settings->strategy_t == t && settings->strategy_s == s);
 }
 
-static inline float weight_of(const bidirectional_t *b, float shares)
+static inline float weight_of(const half_t *b, float shares)
 {
     return b->setup->settings.unweighted ? 1 : 1 / (1 + shares);
-}
-
-/* Stores the light vertices that an eye vertex or the camera can be joined to; specular ones are passed
- * through. */
-static void trace_light_subpath(bidirectional_t *b)
-{
-    walk_t walk;
-    light_ray_t ray;
-    b->light_count = 0;
-    b->density = 0;
-    float share = b->setup->light_share;
-    if (share < 1 && sample_2d(b->sample, DIMENSION_EYE + DIMENSION_LIGHT_SHARE).x >= share) return;
-    if (!walk_from_light(b->sample, roulette, &walk, &ray)) return;
-    b->source = ray.light;
-    b->view_ratio = ray.view_ratio;
-    b->density = ray.start.density;
-    memcpy(b->lessons, ray.lessons, sizeof b->lessons);
-    for (int i = 1; i < setup_max_segments(b->setup); i++) {
-        vertex_t *y = &b->light[b->light_count];
-        walk_arrive(&walk, b->sample, y);
-        if (y->kind == VERTEX_SKY || !walk_weigh(&walk, y)) return;
-        vertex_shade(y, b->setup, walk.scattered);
-        if (b->eta > 0) walk_weigh_merging(&walk, y, b->eta);
-        if (vertex_is_joinable(y)) b->light_count++;
-        if (!walk_scatter(&walk, b->sample, y)) return;
-    }
 }
 
 /* ---- strategies ---------------------------------------------------------------------------------------- */
 
 /* Adds what the eye subpath brings from a light. */
-static inline void add_radiance(bidirectional_t *b, rgb_t value, uint32_t light)
+static inline void add_radiance(half_t *b, rgb_t value, uint32_t light)
 {
     b->radiance = v_add(b->radiance, value);
     sample_lit(b->sample, light, value);
 }
 
 /* Notes for the light groups what arrived of so many connections. */
-static void light_connections(bidirectional_t *b, int count, uint32_t lost)
+static void light_connections(half_t *b, int count, uint32_t lost)
 {
     for (int i = 0; i < count; i++)
         if (!(lost >> i & 1)) sample_lit(b->sample, b->lights[i], b->connections.values[i]);
 }
 
-/* Notes what the light subpath brought to a place of the film. */
-static inline void note_brought(bidirectional_t *b, float x, float y, rgb_t value)
+/* What counts of a value for lessons, at a place of the film. Bounded, so that its square is. */
+static inline float lesson_of(const half_t *b, float x, float y, rgb_t value)
 {
-    b->brought += square(float_min(v_max(value) * setup_brightness(b->setup, x, y), 4));
+    return float_min(v_max(value) * setup_brightness(b->setup, x, y), 4);
 }
 
-/* Traces the connections and takes what arrives, of those to the camera as splats. */
-static void take_connections(bidirectional_t *b, bool splats)
+/* Traces the connections to the camera and takes what arrives as splats. */
+static void take_splats(half_t *b)
 {
     int count = b->connections.segments.count;
-    b->light_rays += (uint64_t)(count - __builtin_popcount(b->fresh));
-    uint32_t lost = connections_transmit(b->sample, &b->connections, splats);
+    uint32_t lost = connections_transmit(b->sample, &b->connections, true);
     for (int i = 0; i < count; i++) {
         if (lost >> i & 1) continue;
         rgb_t value = b->connections.values[i];
-        if (splats) {
-            sample_splat(b->sample, b->rasters[i], value, b->lights[i], b->dimensions[i]);
-            if (b->teaches) note_brought(b, b->rasters[i].x, b->rasters[i].y, value);
-        } else {
-            b->radiance = v_add(b->radiance, value);
-            if (!b->teaches) continue;
-            if (b->fresh >> i & 1)
-                b->own = v_add(b->own, value);
-            else
-                note_brought(b, (float)b->sample->pixel_x, (float)b->sample->pixel_y, value);
-        }
+        sample_splat(b->sample, b->rasters[i], value, b->lights[i], b->dimensions[i]);
+        if (b->teaches) b->path.brought += square(lesson_of(b, b->rasters[i].x, b->rasters[i].y, value));
     }
-    b->fresh = 0;
-    if (!splats && b->setup->light_groups != NULL) light_connections(b, count, lost);
+}
+
+/* Notes what a light subpath brought to a pixel through a connection. A subpath that brings C to each pixel
+ * of its block by itself brings each C / n, n pixels, so that its part of the noise of a pixel is C^2 / n;
+ * that is what the choices for all pixels add up to, on average. */
+static void note_choice(const half_t *b, int i, rgb_t value)
+{
+    float x = (float)b->sample->pixel_x, y = (float)b->sample->pixel_y, factor = b->factors[i];
+    float alone = lesson_of(b, x, y, v_scale(value, 1 / factor));
+    b->paths[i]->brought += square(alone) * factor / (float)light_pool_pixels(b->sample->pool);
+}
+
+/* Traces the connections of an eye vertex and takes what arrives. */
+static void take_connections(half_t *b)
+{
+    int count = b->connections.segments.count;
+    uint32_t lost = connections_transmit(b->sample, &b->connections, false);
+    for (int i = 0; i < count; i++) {
+        if (lost >> i & 1) continue;
+        rgb_t value = b->connections.values[i];
+        b->radiance = v_add(b->radiance, value);
+        b->own = v_add(b->own, value);
+        if (b->teaches && b->paths[i] != NULL) note_choice(b, i, value);
+    }
+    if (b->setup->light_groups != NULL) light_connections(b, count, lost);
 }
 
 /* t = 1: joins a light vertex to the camera. */
-static void join_camera(bidirectional_t *b, const vertex_t *y)
+static void join_camera(half_t *b, const vertex_t *y)
 {
     camera_view_t view;
     bsdf_value_t fy;
     if (!sample_join_camera(b->sample, vertex_point(y), y->dimension, &view) || !vertex_eval(y, view.w, &fy))
         return;
     float r = view.density * vertex_area_cosine(y, view.w);
-    float count = y->depth == 1 ? b->view_ratio * light_count(b->setup, b->source, true) : 1;
+    float direct = b->path.view_ratio * light_count(b->setup, b->path.source, true);
+    float count = strategy_count(y, direct);
     float weight = weight_of(b, mis_share_counted(y, r, fy.pdf_rev, count));
     float factor = vertex_cosine(y, view.w) * vertex_adjoint(y, view.w) * view.density;
     rgb_t value = v_scale(v_mul(y->throughput, fy.f), factor * weight);
     if (v_is_zero(value)) return;
     int n = connections_add(&b->connections, view.position, vertex_exit(y, view.w), vertex_medium(y, view.w),
                             v_length(v_sub(view.position, vertex_point(y))), value);
-    b->lights[n] = b->source;
+    b->lights[n] = b->path.source;
     b->rasters[n] = view.raster;
     b->dimensions[n] = y->dimension;
 }
 
 /* s = 0: the eye subpath ran into a light, or into the sky. What is seen directly has no other strategy here:
  * t = 1 starts at s = 2. */
-static void hit_lights(bidirectional_t *b, const walk_t *walk, const vertex_t *z)
+static void hit_lights(half_t *b, const walk_t *walk, const vertex_t *z)
 {
     if (!is_wanted(b, 0, z->depth + 1)) return;
     for (uint32_t k = 0; k < vertex_light_count(z, b->setup->lights); k++) {
@@ -176,7 +161,7 @@ static void hit_lights(bidirectional_t *b, const walk_t *walk, const vertex_t *z
 }
 
 /* s = 1: joins the eye vertex to the k-th fresh place on a light. */
-static void join_light(bidirectional_t *b, const vertex_t *z, uint32_t k)
+static void join_light(half_t *b, const vertex_t *z, uint32_t k)
 {
     light_view_t light;
     bsdf_value_t fz;
@@ -186,7 +171,8 @@ static void join_light(bidirectional_t *b, const vertex_t *z, uint32_t k)
     if (vertex_eval(z, light.w, &fz)) {
         float counted = z->first ? first_light_worth * light.density : light.density;
         float light_share = light.delta ? 0 : square(fz.pdf * light.geometry / counted);
-        float eye_share = mis_share(z, r_eye, fz.pdf_rev) * square(light.pdf_place / counted);
+        float eye_share =
+            mis_share_counted(z, r_eye, fz.pdf_rev, strategy_count(z, 1)) * square(light.pdf_place / counted);
         weight = weight_of(b, light_share + eye_share);
     } else if (z->depth > 1 || !vertex_split_light(z, &light, 1 / sqrtf(z->inv_p2), &fz, &weight)) {
         return;
@@ -197,12 +183,13 @@ static void join_light(bidirectional_t *b, const vertex_t *z, uint32_t k)
     int n = connections_add(&b->connections, vertex_exit(z, light.w), light.target, vertex_medium(z, light.w),
                             v_length(v_sub(light.target, vertex_point(z))), value);
     b->lights[n] = light.light;
-    b->fresh |= 1u << n;
+    b->paths[n] = NULL;
 }
 
-/* s >= 2, t >= 2: joins an eye vertex to a light vertex. */
-static void join_vertices(bidirectional_t *b, const vertex_t *z, const vertex_t *y)
+/* s >= 2, t >= 2: joins an eye vertex to a light vertex that it chose. */
+static void join_vertices(half_t *b, const vertex_t *z, const light_choice_t *choice)
 {
+    const vertex_t *y = choice->vertex;
     vec3_t d = v_sub(vertex_point(y), vertex_point(z));
     float distance2 = v_length2(d);
     if (!(distance2 > 0)) return;
@@ -212,47 +199,65 @@ static void join_vertices(bidirectional_t *b, const vertex_t *z, const vertex_t 
     if (!vertex_eval(z, w, &fz) || !vertex_eval(y, back, &fy)) return;
     float r_light = fz.pdf * vertex_area_cosine(y, w) / distance2;
     float r_eye = fy.pdf * vertex_area_cosine(z, w) / distance2;
-    float count = y->depth == 1 ? b->view_ratio : 1;
-    float weight =
-        weight_of(b, mis_share_counted(y, r_light, fy.pdf_rev, count) + mis_share(z, r_eye, fz.pdf_rev));
+    float light_share =
+        mis_share_counted(y, r_light, fy.pdf_rev, strategy_count(y, choice->path->view_ratio));
+    float eye_share = mis_share_counted(z, r_eye, fz.pdf_rev, strategy_count(z, 1));
+    float weight = weight_of(b, (light_share + eye_share) / square(inner_worth)) * choice->factor;
     float factor = vertex_cosine(z, w) * vertex_cosine(y, w) * vertex_adjoint(y, back) / distance2 * weight;
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), v_mul(y->throughput, fy.f));
     if (v_is_zero(value)) return;
     int n = connections_add(&b->connections, vertex_exit(z, w), vertex_exit(y, back), vertex_medium(z, w),
                             distance, value);
-    b->lights[n] = b->source;
+    b->lights[n] = choice->path->source;
+    b->paths[n] = choice->path;
+    b->factors[n] = choice->factor;
+}
+
+/* s >= 2, t >= 2: joins an eye vertex to the pool. A job of one strategy with its weight chooses as one of
+ * all does, so that the images of all strategies add up; without the weight it chooses among its own. */
+static void join_pool(half_t *b, const vertex_t *z)
+{
+    const job_settings_t *settings = &b->setup->settings;
+    light_choice_t choices[CHOICES];
+    int least = 1, most = setup_max_segments(b->setup) - z->depth - 1, t = z->depth + 1;
+    if (settings->unweighted) {
+        if (settings->strategy_t != t || settings->strategy_s - 1 > most) return;
+        least = most = settings->strategy_s - 1;
+    }
+    if (most < 1) return;
+    float u = sample_2d(b->sample, z->dimension + DIMENSION_CHOOSE).x;
+    int count =
+        light_pool_choose(b->sample->pool, z, least, most, !settings->unweighted, CHOICES, u, choices);
+    for (int k = 0; k < count; k++) {
+        if (b->connections.segments.count == SCENE_PACKET) take_connections(b);
+        if (is_wanted(b, choices[k].vertex->depth + 1, t)) join_vertices(b, z, &choices[k]);
+    }
 }
 
 /* Everything that joins an eye vertex to the lights. */
-static void join_eye_vertex(bidirectional_t *b, const vertex_t *z)
+static void join_eye_vertex(half_t *b, const vertex_t *z)
 {
-    int segments = setup_max_segments(b->setup);
     if (is_wanted(b, 1, z->depth + 1))
         for (uint32_t k = 0; k < vertex_view_count(z, b->setup->lights); k++) join_light(b, z, k);
-    if (b->connections.segments.count == SCENE_PACKET) take_connections(b, false);
-    for (int k = 0; k < b->light_count && z->depth + b->light[k].depth < segments; k++) {
-        if (is_wanted(b, b->light[k].depth + 1, z->depth + 1)) join_vertices(b, z, &b->light[k]);
-        if (b->connections.segments.count == SCENE_PACKET) take_connections(b, false);
-    }
-    if (b->connections.segments.count > 0) take_connections(b, false);
+    join_pool(b, z);
+    if (b->connections.segments.count > 0) take_connections(b);
 }
 
 /* Weight of the photon merged with the eye vertex, at which the path scatters as `fz` says. The strategies
  * that join the vertex to one of its neighbours have the densities of merging over eta p_i, p_i of either
  * subpath; the two chains begin there. */
-static float merging_weight(const bidirectional_t *b, const vertex_t *z, const photon_t *y,
-                            const bsdf_value_t *fz)
+static float merging_weight(const half_t *b, const vertex_t *z, const photon_t *y, const bsdf_value_t *fz)
 {
     float count = y->depth == 1 ? light_count(b->setup, y->light, z->first) : 1;
     float light = square(count) * y->direct + square(fz->pdf) * y->inner;
-    float eye = z->direct + square(fz->pdf_rev) * z->inner;
+    float eye = square(strategy_count(z, 1)) * z->direct + square(fz->pdf_rev) * z->inner;
     return 1 / (1 + (light + eye) / z->merging);
 }
 
 /* Takes a photon near the eye vertex for light that arrives there; returns what goes on towards the eye.
  * Photons count per area: where the shading normal makes another angle than the surface, as at light vertices
  * that are connected (vertex_adjoint). */
-static rgb_t merge_photon(bidirectional_t *b, const vertex_t *z, const photon_t *y)
+static rgb_t merge_photon(half_t *b, const vertex_t *z, const photon_t *y)
 {
     bsdf_value_t fz;
     float arrives = vertex_area_cosine(z, y->wo);
@@ -262,7 +267,7 @@ static rgb_t merge_photon(bidirectional_t *b, const vertex_t *z, const photon_t 
 }
 
 /* Merges an eye vertex with all photons near it. */
-static void merge_photons(bidirectional_t *b, const vertex_t *z)
+static void merge_photons(half_t *b, const vertex_t *z)
 {
     const photon_set_t *set = b->sample->photons;
     int most_depth = setup_max_segments(b->setup) - z->depth;
@@ -276,53 +281,78 @@ static void merge_photons(bidirectional_t *b, const vertex_t *z)
         }
 }
 
-/* Joins the light subpath to the camera. */
-static void splat_light_subpath(bidirectional_t *b)
+/* ---- the two halves ------------------------------------------------------------------------------------ */
+
+static void begin(half_t *b, sample_t *sample)
 {
-    for (int k = 0; k < b->light_count; k++) {
-        if (is_wanted(b, b->light[k].depth + 1, 1)) join_camera(b, &b->light[k]);
-        if (b->connections.segments.count == SCENE_PACKET) take_connections(b, true);
+    b->sample = sample;
+    b->setup = sample->setup;
+    b->radiance = b->own = vec3(0, 0, 0);
+    b->connections.segments = (segments_t){0};
+    b->connections.absorbing = 0;
+    b->teaches = lesson_due(sample);
+    b->eta = sample->photons != NULL ? sample->photons->eta : 0;
+}
+
+/* Traces the light subpath into the pool; specular vertices are passed through. */
+static void trace_light_subpath(half_t *b, walk_t *walk, bool splats)
+{
+    for (int i = 1; i < setup_max_segments(b->setup); i++) {
+        vertex_t y;
+        walk_arrive(walk, b->sample, &y);
+        if (y.kind == VERTEX_SKY || !walk_weigh(walk, &y)) return;
+        vertex_shade(&y, b->setup, walk->scattered);
+        if (b->eta > 0) walk_weigh_merging(walk, &y, b->eta);
+        if (vertex_is_joinable(&y)) {
+            light_pool_add(b->sample->pool, &y);
+            if (splats && is_wanted(b, y.depth + 1, 1)) join_camera(b, &y);
+            if (b->connections.segments.count == SCENE_PACKET) take_splats(b);
+        }
+        if (!walk_scatter(walk, b->sample, &y)) return;
     }
-    if (b->connections.segments.count > 0) take_connections(b, true);
 }
 
-/* What the sample teaches, which took so many rays. */
-static void teach(const bidirectional_t *b, uint64_t rays)
+static void bdpt_light(sample_t *sample, bool splats)
 {
-    const sample_t *sample = b->sample;
-    uint32_t x = sample->pixel_x, y = sample->pixel_y;
-    /* Bounded, so that its square is. */
-    float own = float_min(v_max(b->own) * setup_brightness(b->setup, (float)x, (float)y), 4);
-    if (!(own >= 0) || !(b->brought < INFINITY)) return;
-    lesson_note(sample, LESSON_OWN + lesson_block(&b->setup->settings, x, y), own, LESSON_BITS);
-    lesson_note(sample, LESSON_OWN_SQUARES, square(own), LESSON_BITS);
-    lesson_note(sample, LESSON_OWN_RAYS, (float)(rays - b->light_rays), LESSON_RAY_BITS);
-    if (!(b->density > 0)) return;
-    lesson_note(sample, LESSON_LIGHTS + b->lessons[0], b->brought * b->density, GUIDE_SQUARE_BITS);
-    lesson_note(sample, LESSON_LIGHTS + b->lessons[1], (float)b->light_rays / b->density, GUIDE_COST_BITS);
+    half_t b;
+    walk_t walk;
+    light_ray_t ray;
+    begin(&b, sample);
+    float share = b.setup->light_share;
+    if (share < 1 && sample_2d(sample, DIMENSION_EYE + DIMENSION_LIGHT_SHARE).x >= share) return;
+    uint64_t rays = sample->result->counts.rays;
+    if (!walk_from_light(sample, roulette, &walk, &ray)) return;
+    b.path = (light_path_t){.source = ray.light,
+                            .view_ratio = ray.view_ratio,
+                            .teaches = splats && b.teaches,
+                            .density = ray.start.density,
+                            .lessons = {ray.lessons[0], ray.lessons[1]}};
+    light_path_t *path = light_pool_add_path(sample->pool, &b.path);
+    trace_light_subpath(&b, &walk, splats);
+    if (b.connections.segments.count > 0) take_splats(&b);
+    path->brought = b.path.brought;
+    path->rays = (float)(sample->result->counts.rays - rays);
 }
 
-static rgb_t bdpt_sample(sample_t *sample)
+/* What an eye subpath teaches, which took so many rays. */
+static void teach(const half_t *b, uint64_t rays)
 {
-    bidirectional_t b;
-    b.sample = sample;
-    b.setup = sample->setup;
-    b.radiance = vec3(0, 0, 0);
-    b.connections.segments = (segments_t){0};
-    b.connections.absorbing = 0;
-    b.fresh = 0;
-    b.brought = 0;
-    b.teaches = lesson_due(sample);
-    b.eta = sample->photons != NULL ? sample->photons->eta : 0;
-    b.own = vec3(0, 0, 0);
+    uint32_t x = b->sample->pixel_x, y = b->sample->pixel_y;
+    float own = lesson_of(b, (float)x, (float)y, b->own);
+    if (!(own >= 0)) return;
+    lesson_note(b->sample, LESSON_OWN + lesson_block(&b->setup->settings, x, y), own, LESSON_BITS);
+    lesson_note(b->sample, LESSON_OWN_SQUARES, square(own), LESSON_BITS);
+    lesson_note(b->sample, LESSON_OWN_RAYS, (float)rays, LESSON_RAY_BITS);
+}
+
+static rgb_t bdpt_eye(sample_t *sample)
+{
+    half_t b;
+    begin(&b, sample);
     uint64_t rays = sample->result->counts.rays;
     int segments = setup_max_segments(b.setup);
-
     walk_t walk = walk_from_camera(sample, roulette);
     if (sample->eye_weight == 0 && !walk.joinable) return b.radiance;
-    trace_light_subpath(&b);
-    b.light_rays = sample->result->counts.rays - rays;
-    if (walk.joinable) splat_light_subpath(&b);
     vec3_t eye = walk.origin;
     for (int i = 1; i <= segments; i++) {
         vertex_t z;
@@ -342,5 +372,21 @@ static rgb_t bdpt_sample(sample_t *sample)
     return b.radiance;
 }
 
-const integrator_ops_t integrator_bdpt = {.sample = bdpt_sample, .traces_light = true};
-const integrator_ops_t integrator_vcm = {.sample = bdpt_sample, .traces_light = true, .merges = true};
+/* What the light subpaths of the block teach, after all its eye subpaths. */
+static void bdpt_close(sample_t *sample)
+{
+    int count;
+    const light_path_t *paths = light_pool_paths(sample->pool, &count);
+    for (int i = 0; i < count; i++) {
+        const light_path_t *path = &paths[i];
+        if (!path->teaches || !(path->density > 0) || !(path->brought < INFINITY)) continue;
+        lesson_note(sample, LESSON_LIGHTS + path->lessons[0], path->brought * path->density,
+                    GUIDE_SQUARE_BITS);
+        lesson_note(sample, LESSON_LIGHTS + path->lessons[1], path->rays / path->density, GUIDE_COST_BITS);
+    }
+}
+
+const integrator_ops_t integrator_bdpt = {
+    .light = bdpt_light, .sample = bdpt_eye, .close = bdpt_close, .traces_light = true};
+const integrator_ops_t integrator_vcm = {
+    .light = bdpt_light, .sample = bdpt_eye, .close = bdpt_close, .traces_light = true, .merges = true};

@@ -44,6 +44,7 @@ static inline float setup_brightness(const setup_t *setup, float x, float y)
 }
 
 struct photon_set; /* photons.h */
+struct light_pool; /* light_pool.h */
 
 /* One sample in the making. */
 typedef struct {
@@ -54,6 +55,7 @@ typedef struct {
     float eye_weight;               /* factor on the eye subpath's radiance; set by sample_eye_ray */
     first_hit_t first_hit;          /* filled by integrators that trace eye subpaths */
     rgb_t groups[LIGHT_GROUPS_MAX]; /* what of the radiance of the eye subpath comes from each light group */
+    struct light_pool *pool;        /* of its block; NULL: the integrator needs none */
     const struct photon_set *photons; /* that it merges with; NULL: none */
     unit_result_t *result;            /* receives splats and counts */
 } sample_t;
@@ -61,6 +63,12 @@ typedef struct {
 typedef struct {
     /* Radiance along the eye subpath of this sample. */
     rgb_t (*sample)(sample_t *sample);
+    /* NULL, or: samples of one index go in blocks (light_pool.h). Of a block, `light` is called for each
+     * pixel, and then `sample` for those that are to be rendered, and `close` with the last of them.
+     * `splats`: the pixel is one of these; else only its light vertices are wanted. All samples of a block
+     * have one time. */
+    void (*light)(sample_t *sample, bool splats);
+    void (*close)(sample_t *sample);
     bool traces_light; /* every sample traces one light subpath */
     bool merges;       /* samples get photons */
 } integrator_ops_t;
@@ -80,8 +88,9 @@ enum {
 };
 /* Of vertex 0 of the eye subpath; the last decides whether there is a light subpath. */
 enum { DIMENSION_FILTER = 0, DIMENSION_LENS = 1, DIMENSION_TIME = 2, DIMENSION_LIGHT_SHARE = 3 };
-/* Of vertex i >= 1 of the eye subpath: a light's choice and place, and the scattering. */
-enum { DIMENSION_ILLUMINATE = 0, DIMENSION_SCATTER = 2 };
+/* Of vertex i >= 1 of the eye subpath: a light's choice and place, the scattering, and the choice of light
+ * vertices. */
+enum { DIMENSION_ILLUMINATE = 0, DIMENSION_SCATTER = 2, DIMENSION_CHOOSE = 4 };
 /* Of the light subpath: of vertex 0 choice, place and ray; of vertex i >= 1 the scattering; of either the
  * pixel and the point of the lens that it is joined to. */
 enum { DIMENSION_EMIT = 0, DIMENSION_LIGHT_SCATTER = 0, DIMENSION_JOIN_PIXEL = 4, DIMENSION_JOIN_LENS = 5 };

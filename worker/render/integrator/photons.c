@@ -144,7 +144,7 @@ static void chunk_add(chunk_t *chunk, const vertex_t *y, const light_ray_t *ray)
         chunk->points = mem_realloc(chunk->points, chunk->capacity * sizeof *chunk->points);
         chunk->photons = mem_realloc(chunk->photons, chunk->capacity * sizeof *chunk->photons);
     }
-    float count = y->depth == 1 ? ray->view_ratio : 1; /* as in bdpt.c */
+    float count = strategy_count(y, ray->view_ratio); /* as in bdpt.c */
     chunk->points[chunk->count] = vertex_point(y);
     chunk->photons[chunk->count++] = (photon_t){.wo = y->wo,
                                                 .throughput = y->throughput,

@@ -98,6 +98,18 @@ static inline float light_count(const setup_t *setup, uint32_t light, bool first
     return first ? first_light_worth * lights_first_times(setup->lights, light) : 1;
 }
 
+/* Eye vertices choose whom of a whole block's light vertices they are joined to (light_pool.h), which makes s
+ * >= 2, t >= 2 far better than one random light vertex would be. In weights each such strategy counts as so
+ * many (measured: docs/performance.md). */
+static const float inner_worth = 16;
+
+/* How many the strategy that joins the vertex to the one before it counts as: `last` where that is vertex 0,
+ * which makes it t = 1 of an eye subpath, s = 1 of a light subpath. */
+static inline float strategy_count(const vertex_t *vertex, float last)
+{
+    return vertex->depth == 1 ? last : inner_worth;
+}
+
 /* The eye subpath of the sample. Settles the sample's weight: where that is 0 nothing is to be seen. */
 static inline walk_t walk_from_camera(sample_t *sample, roulette_t roulette)
 {
@@ -170,7 +182,7 @@ static inline bool walk_weigh(walk_t *walk, vertex_t *vertex)
     vertex->merging = 0;
     vertex->inner = square(walk->cosine / distance2) * vertex->inv_p2 * chain;
     /* Of the first vertex of a light subpath: s = 1 draws the light's places with another density. */
-    walk->direct = walk->depth == 1 ? square(walk->view_ratio) * vertex->direct : vertex->direct;
+    walk->direct = square(strategy_count(vertex, walk->view_ratio)) * vertex->direct;
     walk->inner = vertex->inner;
     return vertex->kind == VERTEX_SKY || (p > 0x1p-60f && p < 0x1p60f);
 }

@@ -19,7 +19,6 @@ typedef enum { VERTEX_SKY, VERTEX_SURFACE } vertex_kind_t;
 /* Vertex i >= 1 of a subpath (subpath.h). */
 typedef struct {
     surface_t surface; /* of VERTEX_SURFACE, as the BSDF */
-    bsdf_t bsdf;       /* made by vertex_shade */
     vertex_kind_t kind;
     transport_t mode;   /* of its subpath */
     int depth;          /* i */
@@ -31,6 +30,8 @@ typedef struct {
     float direct;       /* c_i / p_i^2, were the vertex not specular */
     float inner;
     float merging; /* m_i eta^2 */
+    bsdf_t bsdf;   /* made by vertex_shade; at the end, so that lobes which it does not have need no memory
+                      (light_pool.c) */
 } vertex_t;
 
 /* Makes the BSDF. `scattered`: the path was scattered before by something that is not specular. */

@@ -9,6 +9,7 @@
 #include "worker/render/plan/plan.h"
 
 #include "worker/render/integrator/lessons.h"
+#include "worker/render/integrator/light_pool.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -44,6 +45,7 @@ typedef struct {
 /* A few looks at the picture, by samples that are not of it. */
 typedef struct {
     const setup_t *setup;
+    light_pool_t *pool;
     uint32_t count;
     sight_t *eye; /* [count] */
     size_t splat_count;
@@ -66,8 +68,11 @@ static void look(looks_t *looks, const integrator_ops_t *integrator, uint32_t i,
                        .pixel_y = pixel / width,
                        .sample = UINT32_MAX,
                        .numbers = sampler_new(SAMPLER_INDEPENDENT, settings->seed, i, UINT32_MAX),
+                       .pool = looks->pool,
                        .result = result};
     sample.time = sample_time(&sample);
+    light_pool_reset(looks->pool, 1);
+    if (integrator->light != NULL) integrator->light(&sample, true);
     float value = usable(integrator->sample(&sample));
     looks->eye[i] = (sight_t){part_of(settings, sample.pixel_x, sample.pixel_y), value};
     looks->splats =
@@ -105,10 +110,12 @@ static void look_at_picture(const setup_t *setup, const integrator_ops_t *integr
     uint32_t count = (uint32_t)(setup->settings.width * setup->settings.height / PIXELS);
     looks_t looks = {.setup = setup, .count = count < LEAST ? LEAST : count < MOST ? count : MOST};
     looks.eye = mem_alloc(looks.count * sizeof *looks.eye);
+    looks.pool = light_pool_new();
     unit_result_t result = {0};
     for (uint32_t i = 0; i < looks.count; i++) look(&looks, integrator, i, &result);
     sum_up(&looks, inverse);
     unit_result_free(&result);
+    light_pool_destroy(&looks.pool);
     free(looks.eye);
     free(looks.splats);
 }

@@ -1,0 +1,65 @@
+/* light_pool: the light vertices of a block of pixels. Each eye vertex of the block chooses a few of them to
+ * be joined to.
+ *
+ * The light subpaths of a block are traced before its eye subpaths. Together they light an eye vertex more
+ * evenly than any one of them, and many of their vertices bring it next to nothing: they face away, lie far
+ * off, or are better found by another strategy. So a vertex is chosen with a chance that is about its
+ * contribution, if nothing is in the way, weight included (Talbot, Cline and Egbert 2005, "Importance
+ * Resampling for Global Illumination"; Popov, Ramamoorthi, Durand and Drettakis 2015, "Probabilistic
+ * Connections for Bidirectional Path Tracing"). All that can contribute have some chance, and what was chosen
+ * counts the more the less likely it was. So the mean is right whatever the estimate is worth.
+ *
+ * A block is BLOCK_SIDE x BLOCK_SIDE pixels of the film, whatever tiles it is cut into: what a pixel gets
+ * depends on its block and on the sample's index, not on who renders it.
+ */
+#ifndef LIGHTMILL_LIGHT_POOL_H
+#define LIGHTMILL_LIGHT_POOL_H
+
+#include "worker/render/integrator/subpath.h"
+
+enum { BLOCK_SIDE = 8, BLOCK_PIXELS = BLOCK_SIDE * BLOCK_SIDE };
+
+/* A light subpath. */
+typedef struct {
+    uint32_t source;  /* the light it starts from, */
+    float view_ratio; /* of its place there (light_ray_t) */
+    /* For lessons: */
+    bool teaches;
+    float density;       /* of its start; 0: none */
+    uint32_t lessons[2]; /* of that start */
+    float brought;       /* squares, in terms of how bright the picture is there */
+    float rays;          /* that it took */
+} light_path_t;
+
+/* A light vertex that was chosen. */
+typedef struct {
+    const vertex_t *vertex;
+    light_path_t *path;
+    float factor; /* on its contribution: 1 / (how many light subpaths x how often it is chosen) */
+} light_choice_t;
+
+/* For one thread. */
+typedef struct light_pool light_pool_t;
+
+light_pool_t *light_pool_new(void);
+/* Frees the pool and sets *pool to NULL. */
+void light_pool_destroy(light_pool_t **pool);
+/* Empties the pool for a block of so many pixels, at most BLOCK_PIXELS, each of which has at most one light
+ * subpath. */
+void light_pool_reset(light_pool_t *pool, int pixels);
+/* Pixels of the block. */
+int light_pool_pixels(const light_pool_t *pool);
+/* Adds a subpath, which stays the pool's. */
+light_path_t *light_pool_add_path(light_pool_t *pool, const light_path_t *path);
+/* Adds a copy of a vertex, which was weighed and shaded, to the last subpath. */
+void light_pool_add(light_pool_t *pool, const vertex_t *vertex);
+/* The subpaths, and how many there are. */
+light_path_t *light_pool_paths(light_pool_t *pool, int *count);
+
+/* Chooses `count` vertices of depths from `least` to `most` for the eye vertex, some of them perhaps more
+ * than once, which makes one choice. `u` is a uniform number; `weighted`: contributions are. Returns how many
+ * there are in choices[count]. */
+int light_pool_choose(light_pool_t *pool, const vertex_t *z, int least, int most, bool weighted, int count,
+                      float u, light_choice_t choices[]);
+
+#endif
