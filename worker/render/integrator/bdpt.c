@@ -30,8 +30,9 @@
 /* Sooner adds more noise than it saves time. */
 static const roulette_t roulette = {.from = 3, .most = 1};
 
-/* To how many vertices of the pool an eye vertex is joined. */
-enum { CHOICES = 2 };
+/* Connections that bring less than this, in terms of how bright the picture is there, are left to Russian
+ * roulette: so their noise is small beside the rest. */
+static const float FAINT = 0.05f;
 
 /* One of the two halves of a sample: its eye or its light subpath. */
 typedef struct {
@@ -41,6 +42,7 @@ typedef struct {
     rgb_t own;         /* what of it is not a light seen directly, for lessons */
     light_path_t path; /* the light subpath */
     float eta;         /* of merging (subpath.h); 0: there is none */
+    float brightness;  /* 1 / that of the picture at the pixel; 0: not known */
     bool teaches;
     connections_t connections;         /* candidates of one vertex, or of the camera */
     vec2_t rasters[SCENE_PACKET];      /* where those to the camera fall */
@@ -122,6 +124,19 @@ static void take_connections(half_t *b)
     if (b->setup->light_groups != NULL) light_connections(b, count, lost);
 }
 
+/* False when a faint connection is left out; else raises its value to what it then stands for. `brightness`
+ * is that of the picture where it goes; `k` counts connections that share the random number. */
+static bool survives(const half_t *b, float brightness, uint32_t dimension, uint32_t k, rgb_t *value)
+{
+    const float golden = 0.618034f;
+    float chance = v_max(*value) * brightness / FAINT;
+    if (!(chance < 1) || !(brightness > 0)) return true;
+    float u = sample_2d(b->sample, dimension).x + golden * (float)k;
+    if (!(u - floorf(u) < chance)) return false;
+    *value = v_scale(*value, 1 / chance);
+    return true;
+}
+
 /* t = 1: joins a light vertex to the camera. */
 static void join_camera(half_t *b, const vertex_t *y)
 {
@@ -136,6 +151,8 @@ static void join_camera(half_t *b, const vertex_t *y)
     float factor = vertex_cosine(y, view.w) * vertex_adjoint(y, view.w) * view.density;
     rgb_t value = v_scale(v_mul(y->throughput, fy.f), factor * weight);
     if (v_is_zero(value)) return;
+    float brightness = b->brightness > 0 ? setup_brightness(b->setup, view.raster.x, view.raster.y) : 0;
+    if (!survives(b, brightness, y->dimension + DIMENSION_LIGHT_SURVIVE, 0, &value)) return;
     int n = connections_add(&b->connections, view.position, vertex_exit(y, view.w), vertex_medium(y, view.w),
                             v_length(v_sub(view.position, vertex_point(y))), value);
     b->lights[n] = b->path.source;
@@ -180,14 +197,15 @@ static void join_light(half_t *b, const vertex_t *z, uint32_t k)
     float factor = vertex_cosine(z, light.w) * light.geometry / light.density * weight;
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), light.radiance);
     if (v_is_zero(value)) return;
+    if (!survives(b, b->brightness, z->dimension + DIMENSION_SURVIVE, k, &value)) return;
     int n = connections_add(&b->connections, vertex_exit(z, light.w), light.target, vertex_medium(z, light.w),
                             v_length(v_sub(light.target, vertex_point(z))), value);
     b->lights[n] = light.light;
     b->paths[n] = NULL;
 }
 
-/* s >= 2, t >= 2: joins an eye vertex to a light vertex that it chose. */
-static void join_vertices(half_t *b, const vertex_t *z, const light_choice_t *choice)
+/* s >= 2, t >= 2: joins an eye vertex to a light vertex that it chose, the k-th. */
+static void join_vertices(half_t *b, const vertex_t *z, const light_choice_t *choice, uint32_t k)
 {
     const vertex_t *y = choice->vertex;
     vec3_t d = v_sub(vertex_point(y), vertex_point(z));
@@ -206,6 +224,7 @@ static void join_vertices(half_t *b, const vertex_t *z, const light_choice_t *ch
     float factor = vertex_cosine(z, w) * vertex_cosine(y, w) * vertex_adjoint(y, back) / distance2 * weight;
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), v_mul(y->throughput, fy.f));
     if (v_is_zero(value)) return;
+    if (!survives(b, b->brightness, z->dimension + DIMENSION_SURVIVE, LIGHTS_FIRST_MOST + k, &value)) return;
     int n = connections_add(&b->connections, vertex_exit(z, w), vertex_exit(y, back), vertex_medium(z, w),
                             distance, value);
     b->lights[n] = choice->path->source;
@@ -218,19 +237,22 @@ static void join_vertices(half_t *b, const vertex_t *z, const light_choice_t *ch
 static void join_pool(half_t *b, const vertex_t *z)
 {
     const job_settings_t *settings = &b->setup->settings;
-    light_choice_t choices[CHOICES];
-    int least = 1, most = setup_max_segments(b->setup) - z->depth - 1, t = z->depth + 1;
+    light_choice_t choices[LIGHT_CHOICES_MOST];
+    light_wish_t wish = {.least = 1,
+                         .most = setup_max_segments(b->setup) - z->depth - 1,
+                         .weighted = !settings->unweighted,
+                         .u = sample_2d(b->sample, z->dimension + DIMENSION_CHOOSE).x};
+    int t = z->depth + 1;
     if (settings->unweighted) {
-        if (settings->strategy_t != t || settings->strategy_s - 1 > most) return;
-        least = most = settings->strategy_s - 1;
+        if (settings->strategy_t != t || settings->strategy_s - 1 > wish.most) return;
+        wish.least = wish.most = settings->strategy_s - 1;
     }
-    if (most < 1) return;
-    float u = sample_2d(b->sample, z->dimension + DIMENSION_CHOOSE).x;
-    int count =
-        light_pool_choose(b->sample->pool, z, least, most, !settings->unweighted, CHOICES, u, choices);
+    if (wish.most < 1) return;
+    if (b->brightness > 0) wish.worth = v_max(v_mul(z->throughput, bsdf_albedo(&z->bsdf))) * b->brightness;
+    int count = light_pool_choose(b->sample->pool, z, &wish, choices);
     for (int k = 0; k < count; k++) {
         if (b->connections.segments.count == SCENE_PACKET) take_connections(b);
-        if (is_wanted(b, choices[k].vertex->depth + 1, t)) join_vertices(b, z, &choices[k]);
+        if (is_wanted(b, choices[k].vertex->depth + 1, t)) join_vertices(b, z, &choices[k], (uint32_t)k);
     }
 }
 
@@ -291,6 +313,9 @@ static void begin(half_t *b, sample_t *sample)
     b->connections.segments = (segments_t){0};
     b->connections.absorbing = 0;
     b->teaches = lesson_due(sample);
+    b->brightness = 0;
+    if (sample->setup->inverse_brightness != NULL)
+        b->brightness = setup_brightness(sample->setup, (float)sample->pixel_x, (float)sample->pixel_y);
     b->eta = sample->photons != NULL ? sample->photons->eta : 0;
 }
 

@@ -88,12 +88,18 @@ enum {
 };
 /* Of vertex 0 of the eye subpath; the last decides whether there is a light subpath. */
 enum { DIMENSION_FILTER = 0, DIMENSION_LENS = 1, DIMENSION_TIME = 2, DIMENSION_LIGHT_SHARE = 3 };
-/* Of vertex i >= 1 of the eye subpath: a light's choice and place, the scattering, and the choice of light
- * vertices. */
-enum { DIMENSION_ILLUMINATE = 0, DIMENSION_SCATTER = 2, DIMENSION_CHOOSE = 4 };
-/* Of the light subpath: of vertex 0 choice, place and ray; of vertex i >= 1 the scattering; of either the
- * pixel and the point of the lens that it is joined to. */
-enum { DIMENSION_EMIT = 0, DIMENSION_LIGHT_SCATTER = 0, DIMENSION_JOIN_PIXEL = 4, DIMENSION_JOIN_LENS = 5 };
+/* Of vertex i >= 1 of the eye subpath: a light's choice and place, the scattering, the choice of light
+ * vertices, and which connections survive. */
+enum { DIMENSION_ILLUMINATE = 0, DIMENSION_SCATTER = 2, DIMENSION_CHOOSE = 4, DIMENSION_SURVIVE = 5 };
+/* Of the light subpath: of vertex 0 choice, place and ray; of vertex i >= 1 the scattering and whether its
+ * connection survives; of either the pixel and the point of the lens that it is joined to. */
+enum {
+    DIMENSION_EMIT = 0,
+    DIMENSION_LIGHT_SCATTER = 0,
+    DIMENSION_LIGHT_SURVIVE = 2,
+    DIMENSION_JOIN_PIXEL = 4,
+    DIMENSION_JOIN_LENS = 5
+};
 
 static inline sampler_t sample_stream(const sample_t *sample, uint32_t dimension)
 {

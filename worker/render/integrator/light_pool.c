@@ -13,8 +13,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { LANES = 8 };
+enum {
+    LANES = 8,
+    GROUPS_FIRST = 32, /* that the first eye vertex looks at, at most */
+    GROUPS_DEEPER = 8
+};
 static const float FLOOR = 0.05f;
+/* One choice for so much light that is expected, in terms of how bright the picture is; where that is not
+ * known: */
+static const float LIGHT_OF_CHOICE = 0.15f;
+enum { CHOICES_UNKNOWN = 2 };
 
 /* What an eye vertex looks at, of LANES light vertices. */
 typedef struct {
@@ -141,7 +149,7 @@ void light_pool_add(light_pool_t *pool, const vertex_t *vertex)
     group->n[0][lane] = n.x, group->n[1][lane] = n.y, group->n[2][lane] = n.z;
     group->through[lane] = passes(vertex);
     group->level[lane] = level;
-    group->share[lane] = estimated_share(vertex, vertex->depth == 1 ? path->view_ratio : inner_worth);
+    group->share[lane] = estimated_share(vertex, strategy_count(vertex, path->view_ratio));
     group->depth[lane] = (float)vertex->depth;
     keep_vertex(pool, vertex);
     pool->path_of[pool->count++] = (uint8_t)(pool->path_count - 1);
@@ -149,7 +157,14 @@ void light_pool_add(light_pool_t *pool, const vertex_t *vertex)
 
 /* ---- choosing ------------------------------------------------------------------------------------------ */
 
-/* Estimates what the vertices of a group bring to z, and adds up by lanes. */
+/* The groups that an eye vertex looks at, and what it finds. */
+typedef struct {
+    int start, stride, end;
+    float lanes[LANES]; /* sums of chances, floor included */
+    float floor, total;
+} look_t;
+
+/* Estimates what the vertices of a group bring, and adds up by lanes. */
 static void estimate(group_t *restrict group, vec3_t p, vec3_t n, float through, float share, float least,
                      float most, float *restrict sums, float *restrict counts)
 {
@@ -175,47 +190,71 @@ static void estimate(group_t *restrict group, vec3_t p, vec3_t n, float through,
     }
 }
 
-/* Where a number between 0 and the sum of all chances falls: the lanes one after the other, each through all
- * groups. */
-static int find(const light_pool_t *pool, const float *lanes, float floor, float at)
+/* Looks at the groups; false when no vertex can contribute. Uses up a part of *u. */
+static bool look(light_pool_t *pool, const vertex_t *z, const light_wish_t *wish, float *u, look_t *l)
 {
-    int groups = (pool->count + LANES - 1) / LANES, lane = 0, last = -1;
-    for (; lane < LANES - 1 && at >= lanes[lane]; lane++) at -= lanes[lane];
-    for (; lane >= 0; lane--) { /* back only if roundings have led behind the last one */
-        for (int i = 0; i < groups; i++) {
+    int groups = (pool->count + LANES - 1) / LANES, enough = z->depth == 1 ? GROUPS_FIRST : GROUPS_DEEPER;
+    int stride = int_max((groups + enough - 1) / enough, 1);
+    float place = *u * (float)stride;
+    int start = int_min((int)place, stride - 1);
+    *u = place - (float)start;
+    *l = (look_t){.start = start, .stride = stride, .end = groups};
+    float share = wish->weighted ? estimated_share(z, strategy_count(z, 1)) : 0;
+    float through = passes(z), counts[LANES] = {0}, possible = 0;
+    vec3_t p = vertex_point(z), n = facing_normal(z);
+    for (int i = start; i < groups; i += stride)
+        estimate(&pool->groups[i], p, n, through, share, (float)wish->least, (float)wish->most, l->lanes,
+                 counts);
+    for (int i = 0; i < LANES; i++) {
+        l->total += l->lanes[i];
+        possible += counts[i];
+    }
+    if (!(possible > 0)) return false;
+    l->floor = l->total > 0 ? FLOOR * l->total / possible : 1;
+    for (int i = 0; i < LANES; i++) l->lanes[i] += l->floor * counts[i];
+    l->total += l->floor * possible;
+    return true;
+}
+
+/* The vertex where a number between 0 and the total falls, with the lanes one after the other. */
+static int find(const light_pool_t *pool, const look_t *l, float at)
+{
+    int lane = 0, last = -1;
+    for (; lane < LANES - 1 && at >= l->lanes[lane]; lane++) at -= l->lanes[lane];
+    for (; last < 0; lane--) { /* back only where rounding has led behind the last one */
+        assert(lane >= 0);
+        for (int i = l->start; i < l->end; i += l->stride) {
             const group_t *group = &pool->groups[i];
-            if (!(group->possible[lane] > 0)) continue;
-            last = i * LANES + lane;
-            at -= group->chance[lane] + floor;
-            if (at < 0) return last;
+            if (group->possible[lane] > 0) last = i * LANES + lane;
+            at -= group->chance[lane] + l->floor * group->possible[lane];
+            if (at < 0 && last >= 0) return last;
         }
-        if (last >= 0) return last;
     }
     return last;
 }
 
-int light_pool_choose(light_pool_t *pool, const vertex_t *z, int least, int most, bool weighted, int count,
-                      float u, light_choice_t choices[])
+/* How many vertices are to be chosen. The value of a connection is about what was estimated, over pi for each
+ * of two Lambertian surfaces. */
+static int count_choices(const light_pool_t *pool, const look_t *l, float worth)
 {
-    float sums[LANES] = {0}, counts[LANES] = {0}, sum = 0, possible = 0;
-    float share = weighted ? estimated_share(z, z->depth == 1 ? 1 : inner_worth) : 0;
-    vec3_t p = vertex_point(z), n = facing_normal(z);
-    float through = passes(z);
-    for (int i = 0; i < (pool->count + LANES - 1) / LANES; i++)
-        estimate(&pool->groups[i], p, n, through, share, (float)least, (float)most, sums, counts);
-    for (int i = 0; i < LANES; i++) {
-        sum += sums[i];
-        possible += counts[i];
-    }
-    if (!(possible > 0)) return 0;
-    float floor = sum > 0 ? FLOOR * sum / possible : 1;
-    for (int i = 0; i < LANES; i++) sums[i] += floor * counts[i];
-    float total = sum + floor * possible;
-    int chosen = 0;
+    if (!(worth > 0)) return CHOICES_UNKNOWN;
+    float light = worth * l->total * (float)l->stride * square(INV_PI_F) / (float)pool->pixels;
+    float count = 1 + light / LIGHT_OF_CHOICE;
+    return count < LIGHT_CHOICES_MOST ? (int)count : LIGHT_CHOICES_MOST;
+}
+
+int light_pool_choose(light_pool_t *pool, const vertex_t *z, const light_wish_t *wish,
+                      light_choice_t choices[LIGHT_CHOICES_MOST])
+{
+    look_t l;
+    float u = wish->u;
+    if (!look(pool, z, wish, &u, &l)) return 0;
+    int count = count_choices(pool, &l, wish->worth), chosen = 0;
     for (int k = 0; k < count; k++) {
-        int i = find(pool, sums, floor, total * ((float)k + u) / (float)count);
+        int i = find(pool, &l, l.total * ((float)k + u) / (float)count);
         const group_t *group = &pool->groups[i / LANES];
-        float factor = total / ((group->chance[i % LANES] + floor) * (float)(count * pool->pixels));
+        float chance = (group->chance[i % LANES] + l.floor) / (l.total * (float)l.stride);
+        float factor = 1 / (chance * (float)(count * pool->pixels));
         const vertex_t *vertex = (const vertex_t *)(pool->bytes + pool->start_of[i]);
         if (chosen > 0 && choices[chosen - 1].vertex == vertex)
             choices[chosen - 1].factor += factor;

@@ -56,10 +56,20 @@ void light_pool_add(light_pool_t *pool, const vertex_t *vertex);
 /* The subpaths, and how many there are. */
 light_path_t *light_pool_paths(light_pool_t *pool, int *count);
 
-/* Chooses `count` vertices of depths from `least` to `most` for the eye vertex, some of them perhaps more
- * than once, which makes one choice. `u` is a uniform number; `weighted`: contributions are. Returns how many
- * there are in choices[count]. */
-int light_pool_choose(light_pool_t *pool, const vertex_t *z, int least, int most, bool weighted, int count,
-                      float u, light_choice_t choices[]);
+enum { LIGHT_CHOICES_MOST = 6 };
+
+/* What an eye vertex asks of the pool. */
+typedef struct {
+    int least, most; /* depths of light vertices */
+    bool weighted;   /* contributions are */
+    float worth;     /* what the vertex makes of light from a surface, in terms of how bright the picture is
+                        there: the more     it expects, the more it chooses. 0: that is not known */
+    float u;         /* a uniform number */
+} light_wish_t;
+
+/* Chooses vertices for the eye vertex, some of them perhaps more than once, which makes one choice. Returns
+ * how many there are in `choices`. */
+int light_pool_choose(light_pool_t *pool, const vertex_t *z, const light_wish_t *wish,
+                      light_choice_t choices[LIGHT_CHOICES_MOST]);
 
 #endif
