@@ -25,14 +25,11 @@
 #include "worker/render/integrator/light_pool.h"
 #include "worker/render/integrator/photons.h"
 
-#include <string.h>
-
 /* Sooner adds more noise than it saves time. */
 static const roulette_t roulette = {.from = 3, .most = 1};
 
-/* Connections that bring less than this, in terms of how bright the picture is there, are left to Russian
- * roulette: so their noise is small beside the rest. */
-static const float FAINT = 0.05f;
+/* Connections that bring less than this part of a sample's noise are left to Russian roulette. */
+static const float FAINT = 0.2f;
 
 /* One of the two halves of a sample: its eye or its light subpath. */
 typedef struct {
@@ -129,7 +126,7 @@ static void take_connections(half_t *b)
 static bool survives(const half_t *b, float brightness, uint32_t dimension, uint32_t k, rgb_t *value)
 {
     const float golden = 0.618034f;
-    float chance = v_max(*value) * brightness / FAINT;
+    float chance = v_max(*value) * brightness / (FAINT * b->setup->noise);
     if (!(chance < 1) || !(brightness > 0)) return true;
     float u = sample_2d(b->sample, dimension).x + golden * (float)k;
     if (!(u - floorf(u) < chance)) return false;
@@ -248,7 +245,8 @@ static void join_pool(half_t *b, const vertex_t *z)
         wish.least = wish.most = settings->strategy_s - 1;
     }
     if (wish.most < 1) return;
-    if (b->brightness > 0) wish.worth = v_max(v_mul(z->throughput, bsdf_albedo(&z->bsdf))) * b->brightness;
+    if (b->brightness > 0)
+        wish.worth = v_max(v_mul(z->throughput, bsdf_albedo(&z->bsdf))) * b->brightness / b->setup->noise;
     int count = light_pool_choose(b->sample->pool, z, &wish, choices);
     for (int k = 0; k < count; k++) {
         if (b->connections.segments.count == SCENE_PACKET) take_connections(b);

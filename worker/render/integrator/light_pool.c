@@ -19,9 +19,8 @@ enum {
     GROUPS_DEEPER = 8
 };
 static const float FLOOR = 0.05f;
-/* One choice for so much light that is expected, in terms of how bright the picture is; where that is not
- * known: */
-static const float LIGHT_OF_CHOICE = 0.15f;
+/* One choice for so much light that is expected, in terms of a sample's noise; where that is not known: */
+static const float LIGHT_OF_CHOICE = 0.6f;
 enum { CHOICES_UNKNOWN = 2 };
 
 /* What an eye vertex looks at, of LANES light vertices. */

@@ -62,8 +62,8 @@ enum { LIGHT_CHOICES_MOST = 6 };
 typedef struct {
     int least, most; /* depths of light vertices */
     bool weighted;   /* contributions are */
-    float worth;     /* what the vertex makes of light from a surface, in terms of how bright the picture is
-                        there: the more     it expects, the more it chooses. 0: that is not known */
+    float worth;     /* what the vertex makes of light from a surface, in terms of a sample's noise: the more
+                        light it     expects, the more it chooses. 0: not known */
     float u;         /* a uniform number */
 } light_wish_t;
 

@@ -147,8 +147,7 @@ static inline bool vertex_view_light(const vertex_t *vertex, const sample_t *sam
     float choice = sampler_1d(&sampler);
     if (!vertex->first)
         return lights_illuminate(lights, vertex_point(vertex), choice, sampler_2d(&sampler), view);
-    uint32_t own = lights_are_all_asked(lights) ? k : 0;
-    vec2_t place = sample_2d(sample, DIMENSION_FIRST_LIGHTS + own);
+    vec2_t place = sample_2d(sample, DIMENSION_FIRST_LIGHTS + lights_first_pair(lights, k));
     return lights_illuminate_first(lights, k, vertex_point(vertex), choice, place, view);
 }
 

@@ -10,15 +10,22 @@
 static const light_ops_t *const kinds[] = {LIGHT_KINDS(TABLE_ENTRY)};
 #undef TABLE_ENTRY
 
-/* Where each light is not asked: a single one is asked so often, of more than can be asked so many are
- * chosen. */
-enum { CHOSEN = 2 };
-/* With a sky one is chosen, as anywhere: more would cost more than they bring (docs/performance.md). */
-enum { CHOSEN_OF_SKY = 1 };
+/* How many places the first vertex draws on a few lights together, if each has its part; on more lights than
+ * can be asked each, so many lights are chosen. */
+enum { PLACES = 4 };
+/* With a sky: more would cost more than they bring (docs/performance.md). */
+enum { PLACES_OF_SKY = 2 };
 /* Of a light without lessons. */
 static const uint32_t NO_LESSON = UINT32_MAX;
 /* The part of light subpaths whose light is chosen by power, whatever was learned. */
 static const double BY_POWER = 0.25;
+
+/* One of the places that the first vertex asks for. */
+typedef struct {
+    uint32_t light;
+    uint32_t pair; /* of random numbers; the same for all places of a light, */
+    float shift;   /* which are kept apart by this */
+} asked_t;
 
 struct lights {
     light_t *lights; /* [count] */
@@ -28,8 +35,7 @@ struct lights {
     const lights_t *base; /* without guides: their states are its own; NULL: it is one */
     uint32_t *sky;        /* [sky_count] those that are everywhere */
     uint32_t sky_count;
-    uint32_t
-        asked[LIGHTS_FIRST_MOST]; /* [asked_count] the lights with power; none where they are more, or one */
+    asked_t asked[LIGHTS_FIRST_MOST]; /* [asked_count] none where not all lights are asked */
     uint32_t asked_count;
 };
 
@@ -58,6 +64,28 @@ static void place_lights(lights_t *lights, const scene_t *scene)
     }
 }
 
+/* Enters the places to ask for on a light, which is the pair-th of those that shine. */
+static void ask_light(lights_t *lights, uint32_t number, uint32_t pair, uint32_t times)
+{
+    lights->lights[number].asked_times = (float)times;
+    for (uint32_t k = 0; k < times; k++)
+        lights->asked[lights->asked_count++] = (asked_t){number, pair, (float)k / (float)times};
+}
+
+/* Decides which lights are asked one by one: all, if they are few. One that has no extent would always answer
+ * the same. */
+static void ask_lights(lights_t *lights, uint32_t shining)
+{
+    if (shining > LIGHTS_FIRST_MOST || lights->sky_count > 0) return;
+    uint32_t pair = 0;
+    for (uint32_t i = 0; i < lights->count; i++) {
+        const light_t *light = &lights->lights[i];
+        if (!(light->chance > 0)) continue;
+        uint32_t times = light->record->kind == LIGHT_AREA && shining < PLACES ? PLACES / shining : 1;
+        ask_light(lights, i, pair++, times);
+    }
+}
+
 /* Notes the chance of each light, and which are asked one by one. */
 static void choose_lights(lights_t *lights)
 {
@@ -69,11 +97,9 @@ static void choose_lights(lights_t *lights)
     for (uint32_t i = 0; i < lights->count && !lights_empty(lights); i++) {
         lights->lights[i].chance = (float)(powers[i] / lights->alias.total);
         lights->lights[i].view_ratio = 1;
-        if (!(lights->lights[i].chance > 0)) continue;
-        if (shining < LIGHTS_FIRST_MOST) lights->asked[shining] = i;
-        shining++;
+        shining += lights->lights[i].chance > 0;
     }
-    lights->asked_count = shining > 1 && shining <= LIGHTS_FIRST_MOST && lights->sky_count == 0 ? shining : 0;
+    ask_lights(lights, shining);
     free(powers);
 }
 
@@ -232,25 +258,31 @@ bool lights_illuminate(const lights_t *lights, vec3_t point, float choice, vec2_
     return ask(lights, number, 1, point, choice, place, out);
 }
 
-bool lights_are_all_asked(const lights_t *lights)
+static bool are_all_asked(const lights_t *lights)
 {
     return lights->asked_count > 0;
 }
 
 static uint32_t chosen(const lights_t *lights)
 {
-    return lights->sky_count > 0 ? CHOSEN_OF_SKY : CHOSEN;
+    return lights->sky_count > 0 ? PLACES_OF_SKY : PLACES;
 }
 
 uint32_t lights_first_count(const lights_t *lights)
 {
-    return lights_are_all_asked(lights) ? lights->asked_count : chosen(lights);
+    return are_all_asked(lights) ? lights->asked_count : chosen(lights);
+}
+
+uint32_t lights_first_pair(const lights_t *lights, uint32_t k)
+{
+    return are_all_asked(lights) ? lights->asked[k].pair : 0;
 }
 
 float lights_first_times(const lights_t *lights, uint32_t number)
 {
     const light_t *light = &lights->lights[number];
-    return lights_are_all_asked(lights) ? 1 / (light->chance * light->view_ratio) : (float)chosen(lights);
+    return are_all_asked(lights) ? light->asked_times / (light->chance * light->view_ratio)
+                                 : (float)chosen(lights);
 }
 
 /* Moves a number within [0, 1), round its end. */
@@ -263,14 +295,13 @@ bool lights_illuminate_first(const lights_t *lights, uint32_t k, vec3_t point, f
                              light_view_t *out)
 {
     uint32_t number;
-    if (lights_are_all_asked(lights)) {
-        number = lights->asked[k];
-    } else {
-        float by = (float)k / (float)chosen(lights);
-        choice = shift(choice, by);
-        place = (vec2_t){shift(place.x, by), shift(place.y, by)};
+    float by = are_all_asked(lights) ? lights->asked[k].shift : (float)k / (float)chosen(lights);
+    place = (vec2_t){shift(place.x, by), shift(place.y, by)};
+    choice = shift(choice, by);
+    if (are_all_asked(lights))
+        number = lights->asked[k].light;
+    else
         number = alias_sample(&lights->alias, &choice);
-    }
     return ask(lights, number, lights_first_times(lights, number), point, choice, place, out);
 }
 

@@ -91,10 +91,10 @@ bool lights_illuminate(const lights_t *lights, vec3_t point, float choice, vec2_
 /* How many places the first such vertex is joined to, at most LIGHTS_FIRST_MOST. */
 enum { LIGHTS_FIRST_MOST = 8 };
 uint32_t lights_first_count(const lights_t *lights);
-/* True when each lies on a light of its own. */
-bool lights_are_all_asked(const lights_t *lights);
-/* Draws the k-th of them, as lights_illuminate. Where not all lights are asked, the numbers are to be the
- * same for each k: places drawn by shifted numbers keep apart. */
+/* Which pair of random numbers is to draw the k-th of them, from 0 to LIGHTS_FIRST_MOST - 1. Those that share
+ * one are kept apart: their numbers are shifted. */
+uint32_t lights_first_pair(const lights_t *lights, uint32_t k);
+/* Draws the k-th of them, as lights_illuminate. `choice` is to be the same for each k. */
 bool lights_illuminate_first(const lights_t *lights, uint32_t k, vec3_t point, float choice, vec2_t place,
                              light_view_t *out);
 /* How often they draw a place on this light for once of lights_illuminate. */
@@ -123,6 +123,7 @@ typedef struct {
     vec3_t half_sides; /* of the box, a little larger than the scene */
     float chance;      /* of being chosen by lights_emit */
     float view_ratio;  /* that by lights_illuminate over it */
+    float asked_times; /* places that lights_illuminate_first draws on it, where it asks all lights */
     guide_kind_t guide_kind;
     uint32_t guide_side; /* cells a side */
     uint32_t first_lesson;

@@ -22,6 +22,8 @@ struct plan {
 static const double LEAST_SHARE = 1.0 / 8;
 /* What a sample costs beside its rays, in rays. */
 static const double SAMPLE_COST = 2;
+/* Of samples that no plan tells about. */
+static const float FIRST_NOISE = 0.32f;
 /* Samples of a pass that teach: about so many a pixel, in the mean. */
 enum { TAUGHT_SAMPLES = 8 };
 
@@ -127,6 +129,7 @@ void plan_prepare(setup_t *setup, lights_t *lights, const integrator_ops_t *inte
     look_at_picture(setup, integrator, inverse_brightness);
     setup->inverse_brightness = inverse_brightness;
     setup->teaching_mask = 0;
+    setup->noise = FIRST_NOISE;
 }
 
 /* ---- what samples have without light subpaths ---------------------------------------------------------- */
@@ -214,6 +217,7 @@ plan_t *plan_new(const setup_t *setup, const learning_plan_t *learned)
     plan->lights = lights_guided(setup->lights, lessons + LESSON_LIGHTS, taught->all, reach, LEAST_SHARE,
                                  &plan->setup.light_share);
     plan->setup.lights = plan->lights;
+    plan->setup.noise = (float)sqrt(own_noise(lessons, taught));
     plan->setup.teaching_mask = teaching_mask(&setup->settings, learned->pass);
     log_debug("plan of pass %u: own noise %.3f at %.2f rays; %.3f light subpaths a sample", learned->pass,
               own_noise(lessons, taught), own_rays(lessons, taught), (double)plan->setup.light_share);
