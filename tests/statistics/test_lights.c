@@ -250,12 +250,14 @@ static void by_first_places(const lit_t *lit, uint32_t i, tally_t *tally)
     float choice = sampler_1d(&sampler);
     vec3_t point = point_of_disc(sampler_2d(&sampler));
     light_view_t view;
-    vec2_t place = {0, 0};
+    vec2_t pairs[LIGHTS_FIRST_MOST];
     double red = 0, blue = 0, places[CELLS] = {0}; /* of one draw */
+    for (int k = 0; k < LIGHTS_FIRST_MOST; k++) pairs[k] = sampler_2d(&sampler);
     tally->draws++;
     assert_true(lights_first_count(lit->lights) <= LIGHTS_FIRST_MOST);
     for (uint32_t k = 0; k < lights_first_count(lit->lights); k++) {
-        if (k == 0 || lights_are_all_asked(lit->lights)) place = sampler_2d(&sampler);
+        assert_true(lights_first_pair(lit->lights, k) < LIGHTS_FIRST_MOST);
+        vec2_t place = pairs[lights_first_pair(lit->lights, k)];
         if (lights_illuminate_first(lit->lights, k, point, choice, place, &view) &&
             !scene_occluded(lit->scene, point, view.target, 0, false)) {
             float ratio = view.view_ratio * lights_first_times(lit->lights, view.light);
