@@ -97,6 +97,11 @@ typedef struct {
     int32_t x0, y0, x1, y1;
 } rect_t;
 
+static inline bool rect_has(const rect_t *rect, int32_t x, int32_t y)
+{
+    return x >= rect->x0 && x < rect->x1 && y >= rect->y0 && y < rect->y1;
+}
+
 /* For qsort of what begins with a unit_t: by tiles and first samples. */
 int unit_order(const void *a, const void *b);
 /* A copy in this order, in fresh memory that the caller frees. */

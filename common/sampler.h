@@ -47,6 +47,26 @@ static inline sampler_t sampler_new(sampler_kind_t kind, uint64_t seed, uint32_t
                        .sobol = kind == SAMPLER_SOBOL};
 }
 
+/* The numbers of one of up to 2^SAMPLER_SET_BITS members of a set, whose first ones are stratified among
+ * themselves in each sample, and from sample to sample if `kind` is. A set has a number, as a pixel has. */
+enum { SAMPLER_SET_BITS = 6 };
+static inline sampler_t sampler_new_member(sampler_kind_t kind, uint64_t seed, uint32_t set, uint32_t sample,
+                                           uint32_t member)
+{
+    /* What no pixel's seed is made from. Of a Sobol' sequence the index would run over after so many samples.
+     */
+    const int run = 32 - SAMPLER_SET_BITS;
+    uint64_t sequence =
+        sampler_mix(sampler_mix(seed + 0xD1B54A32D192ED03u) + 2 * (uint64_t)set + (sample & 1));
+    bool runs_on = kind == SAMPLER_SOBOL;
+    uint64_t part = sampler_mix(sequence + (runs_on ? sample >> 1 >> run : sample));
+    uint32_t before = runs_on ? sample >> 1 << SAMPLER_SET_BITS : 0;
+    return (sampler_t){.sample_key = sampler_mix(sampler_mix(sequence + sample) + member),
+                       .sequence_key = (uint32_t)(part >> 32),
+                       .index = before + member,
+                       .sobol = true};
+}
+
 /* Uniform in [0, 1) from the 24 high bits. */
 static inline float sampler_float(uint32_t bits)
 {

@@ -171,61 +171,85 @@ static void add_eye_sample(const setup_t *setup, const sample_t *sample, size_t 
     if (setup->light_groups != NULL) add_groups(setup, sample, pixel, pixels, clamp * sample->eye_weight);
 }
 
-/* The block of pixels whose first one is at (x, y); `rect` is what of it is rendered. */
+/* A block of pixels (light_pool.h), from (x, y) on, which ends where the film does. */
 typedef struct {
     int x, y;
-    rect_t film, rect;
+    int columns, rows;
 } block_t;
 
-static rect_t block_cut(int x, int y, const rect_t *with)
+/* The block whose first pixel that is. */
+static block_t block_at(const job_settings_t *settings, int x, int y)
 {
-    return (rect_t){int_max(x, with->x0), int_max(y, with->y0), int_min(x + BLOCK_SIDE, with->x1),
-                    int_min(y + BLOCK_SIDE, with->y1)};
+    int columns = (settings->width - x + POOL_STRIDE - 1) / POOL_STRIDE;
+    int rows = (settings->height - y + POOL_STRIDE - 1) / POOL_STRIDE;
+    return (block_t){x, y, int_min(columns, POOL_SIDE), int_min(rows, POOL_SIDE)};
 }
 
-/* Makes the sample that of a pixel. */
-static void place_sample(sample_t *sample, int x, int y)
+static uint32_t pixel_number(const job_settings_t *settings, int x, int y)
 {
-    const job_settings_t *settings = &sample->setup->settings;
-    uint32_t number = (uint32_t)y * (uint32_t)settings->width + (uint32_t)x;
-    sample->pixel_x = (uint32_t)x;
-    sample->pixel_y = (uint32_t)y;
-    sample->numbers = sampler_new(settings->sampler, settings->seed, number, sample->sample);
+    return (uint32_t)y * (uint32_t)settings->width + (uint32_t)x;
+}
+
+/* How many light subpaths the samples of a block have, together: as many as the share says, on average. */
+static uint32_t light_count_of(const setup_t *setup, uint32_t pixels, sampler_t numbers)
+{
+    if (!(setup->light_share < 1)) return pixels;
+    float count = setup->light_share * (float)pixels + sampler_1d(&numbers);
+    return count < (float)pixels ? (uint32_t)count : pixels;
 }
 
 /* The light half of the samples of a block, which get its time. */
-static void trace_light(const integrator_ops_t *integrator, const block_t *block, sample_t *sample)
+static void trace_light(const integrator_ops_t *integrator, const block_t *block, const rect_t *tile,
+                        sample_t *sample)
 {
-    place_sample(sample, block->x, block->y);
+    const job_settings_t *settings = &sample->setup->settings;
+    uint32_t pixels = (uint32_t)(block->columns * block->rows);
+    uint32_t number = pixel_number(settings, block->x, block->y);
+    /* Of the block as a whole, beside those of its subpaths: */
+    sampler_t own = sampler_new(SAMPLER_INDEPENDENT, settings->seed, JOB_MAX_PIXELS + number, sample->sample);
+    sample->numbers = sampler_new(settings->sampler, settings->seed, number, sample->sample);
     if (sample->photons == NULL) sample->time = sample_time(sample);
-    const rect_t *film = &block->film, *rect = &block->rect;
-    light_pool_reset(sample->pool, (film->x1 - film->x0) * (film->y1 - film->y0));
-    for (int y = film->y0; y < film->y1; y++)
-        for (int x = film->x0; x < film->x1; x++) {
-            bool own = x >= rect->x0 && x < rect->x1 && y >= rect->y0 && y < rect->y1;
-            sample_t of_pixel = *sample;
-            place_sample(&of_pixel, x, y);
-            integrator->light(&of_pixel, own);
-        }
+    light_pool_reset(sample->pool, (int)pixels);
+    uint32_t count = light_count_of(sample->setup, pixels, own);
+    for (uint32_t i = 0; i < count; i++) {
+        sample_t member = *sample;
+        int x = block->x + (int)(i % (uint32_t)block->columns) * POOL_STRIDE;
+        int y = block->y + (int)(i / (uint32_t)block->columns) * POOL_STRIDE;
+        member.pixel_x = (uint32_t)x;
+        member.pixel_y = (uint32_t)y;
+        member.numbers = sampler_new_member(settings->sampler, settings->seed, number, sample->sample, i);
+        integrator->light(&member, rect_has(tile, x, y));
+    }
 }
 
-/* The samples of one index of a block; `sample` has what they share. */
+/* The sample of a pixel of the tile; `shared` has what it shares with others. */
+static void render_sample(const integrator_ops_t *integrator, const rect_t *tile, const sample_t *shared,
+                          int x, int y)
+{
+    sample_t sample = *shared;
+    const job_settings_t *settings = &sample.setup->settings;
+    size_t row = (size_t)(tile->x1 - tile->x0), pixels = row * (size_t)(tile->y1 - tile->y0);
+    size_t pixel = (size_t)(y - tile->y0) * row + (size_t)(x - tile->x0);
+    sample.pixel_x = (uint32_t)x;
+    sample.pixel_y = (uint32_t)y;
+    sample.numbers =
+        sampler_new(settings->sampler, settings->seed, pixel_number(settings, x, y), sample.sample);
+    if (integrator->light == NULL) sample.time = sample_time(&sample);
+    rgb_t value = integrator->sample(&sample);
+    add_eye_sample(sample.setup, &sample, pixel, pixels, value);
+    unit_result_feature(sample.result, pixel, sample.sample, &sample.first_hit);
+}
+
+/* The samples of one index of what of a block is in the tile. */
 static void render_block(const integrator_ops_t *integrator, const block_t *block, const rect_t *tile,
                          sample_t sample)
 {
-    int row = tile->x1 - tile->x0;
-    size_t pixels = (size_t)row * (size_t)(tile->y1 - tile->y0);
     if (sample.photons != NULL) sample.time = sample.photons->time;
-    if (integrator->light != NULL) trace_light(integrator, block, &sample);
-    for (int y = block->rect.y0; y < block->rect.y1; y++)
-        for (int x = block->rect.x0; x < block->rect.x1; x++) {
-            sample_t of_pixel = sample;
-            size_t pixel = (size_t)((y - tile->y0) * row + x - tile->x0);
-            place_sample(&of_pixel, x, y);
-            if (integrator->light == NULL) of_pixel.time = sample_time(&of_pixel);
-            rgb_t value = integrator->sample(&of_pixel);
-            add_eye_sample(sample.setup, &of_pixel, pixel, pixels, value);
-            unit_result_feature(sample.result, pixel, sample.sample, &of_pixel.first_hit);
+    if (integrator->light != NULL) trace_light(integrator, block, tile, &sample);
+    for (int row = 0; row < block->rows; row++)
+        for (int column = 0; column < block->columns; column++) {
+            int x = block->x + column * POOL_STRIDE, y = block->y + row * POOL_STRIDE;
+            if (rect_has(tile, x, y)) render_sample(integrator, tile, &sample, x, y);
         }
     if (integrator->close != NULL) integrator->close(&sample);
 }
@@ -236,11 +260,14 @@ static bool render_run(const renderer_t *renderer, const unit_t *unit, uint32_t 
                        const atomic_bool *cancel)
 {
     const setup_t *setup = setup_of(renderer, unit);
-    const rect_t film = {0, 0, setup->settings.width, setup->settings.height};
     rect_t tile = job_tile_rect(&setup->settings, unit->tile);
-    for (int y = tile.y0 / BLOCK_SIDE * BLOCK_SIDE; y < tile.y1; y += BLOCK_SIDE)
-        for (int x = tile.x0 / BLOCK_SIDE * BLOCK_SIDE; x < tile.x1; x += BLOCK_SIDE) {
-            block_t block = {x, y, block_cut(x, y, &film), block_cut(x, y, &tile)};
+    /* Block by block, of which the tile has those that begin in its regions; and of each region the first
+     * pixels. */
+    int x0 = tile.x0 / POOL_REGION * POOL_REGION, y0 = tile.y0 / POOL_REGION * POOL_REGION;
+    for (int y = y0; y < tile.y1; y++)
+        for (int x = x0; x < tile.x1; x++) {
+            if (x % POOL_REGION >= POOL_STRIDE || y % POOL_REGION >= POOL_STRIDE) continue;
+            block_t block = block_at(&setup->settings, x, y);
             for (uint32_t i = first; i < end; i++) {
                 if (atomic_load_explicit(cancel, memory_order_relaxed)) return false;
                 sample_t sample = {

@@ -341,8 +341,6 @@ static void bdpt_light(sample_t *sample, bool splats)
     walk_t walk;
     light_ray_t ray;
     begin(&b, sample);
-    float share = b.setup->light_share;
-    if (share < 1 && sample_2d(sample, DIMENSION_EYE + DIMENSION_LIGHT_SHARE).x >= share) return;
     uint64_t rays = sample->result->counts.rays;
     if (!walk_from_light(sample, roulette, &walk, &ray)) return;
     b.path = (light_path_t){.source = ray.light,

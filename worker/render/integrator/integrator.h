@@ -64,10 +64,10 @@ typedef struct {
 typedef struct {
     /* Radiance along the eye subpath of this sample. */
     rgb_t (*sample)(sample_t *sample);
-    /* NULL, or: samples of one index go in blocks (light_pool.h). Of a block, `light` is called for each
-     * pixel, and then `sample` for those that are to be rendered, and `close` with the last of them.
-     * `splats`: the pixel is one of these; else only its light vertices are wanted. All samples of a block
-     * have one time. */
+    /* NULL, or: samples of one index go in blocks of pixels (light_pool.h). Of a block, `light` is called for
+     * each light subpath, with the pixel that it belongs to, then `sample` for the pixels that are to be
+     * rendered, and `close` with the last of them. `splats`: the pixel is one of these; else only light
+     * vertices are wanted. All samples of a block have one time. */
     void (*light)(sample_t *sample, bool splats);
     void (*close)(sample_t *sample);
     bool traces_light; /* every sample traces one light subpath */
@@ -87,8 +87,8 @@ enum {
     DIMENSION_LIGHT = DIMENSION_EYE + 6,
     DIMENSION_STRIDE = 12
 };
-/* Of vertex 0 of the eye subpath; the last decides whether there is a light subpath. */
-enum { DIMENSION_FILTER = 0, DIMENSION_LENS = 1, DIMENSION_TIME = 2, DIMENSION_LIGHT_SHARE = 3 };
+/* Of vertex 0 of the eye subpath. */
+enum { DIMENSION_FILTER = 0, DIMENSION_LENS = 1, DIMENSION_TIME = 2 };
 /* Of vertex i >= 1 of the eye subpath: a light's choice and place, the scattering, the choice of light
  * vertices, and which connections survive. */
 enum { DIMENSION_ILLUMINATE = 0, DIMENSION_SCATTER = 2, DIMENSION_CHOOSE = 4, DIMENSION_SURVIVE = 5 };

@@ -38,7 +38,7 @@ typedef struct {
 struct light_pool {
     int pixels;
     int path_count, count, group_capacity;
-    light_path_t paths[BLOCK_PIXELS];
+    light_path_t paths[POOL_PIXELS];
     group_t *groups;      /* [group_capacity] */
     uint8_t *path_of;     /* [group_capacity * LANES] */
     size_t *start_of;     /* of each vertex in `bytes`; [group_capacity * LANES] */

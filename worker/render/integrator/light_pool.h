@@ -9,15 +9,26 @@
  * Connections for Bidirectional Path Tracing"). All that can contribute have some chance, and what was chosen
  * counts the more the less likely it was. So the mean is right whatever the estimate is worth.
  *
- * A block is BLOCK_SIDE x BLOCK_SIDE pixels of the film, whatever tiles it is cut into: what a pixel gets
- * depends on its block and on the sample's index, not on who renders it.
+ * The pixels of a block lie POOL_STRIDE apart, and blocks are laid into one another: POOL_STRIDE x
+ * POOL_STRIDE of them fill a region of the film. For pixels of a block share what luck its light subpaths
+ * had, and would show it as a blotch if they were neighbours. So that there is little luck, the numbers that
+ * light subpaths start by are stratified over the block (sampler_new_member).
+ *
+ * Regions lie on the film, whatever tiles it is cut into: what a pixel gets depends on its block and on the
+ * sample's index, not on who renders it. Tiles whose sides are multiples of POOL_REGION have whole blocks,
+ * others trace light subpaths that they need for a part of a block only.
  */
 #ifndef LIGHTMILL_LIGHT_POOL_H
 #define LIGHTMILL_LIGHT_POOL_H
 
 #include "worker/render/integrator/subpath.h"
 
-enum { BLOCK_SIDE = 8, BLOCK_PIXELS = BLOCK_SIDE * BLOCK_SIDE };
+enum {
+    POOL_SIDE = 8,   /* pixels a side of a block */
+    POOL_STRIDE = 4, /* from one of them to the next */
+    POOL_REGION = POOL_SIDE * POOL_STRIDE,
+    POOL_PIXELS = POOL_SIDE * POOL_SIDE
+};
 
 /* A light subpath. */
 typedef struct {
@@ -44,7 +55,7 @@ typedef struct light_pool light_pool_t;
 light_pool_t *light_pool_new(void);
 /* Frees the pool and sets *pool to NULL. */
 void light_pool_destroy(light_pool_t **pool);
-/* Empties the pool for a block of so many pixels, at most BLOCK_PIXELS, each of which has at most one light
+/* Empties the pool for a block of so many pixels, at most POOL_PIXELS, each of which has at most one light
  * subpath. */
 void light_pool_reset(light_pool_t *pool, int pixels);
 /* Pixels of the block. */
