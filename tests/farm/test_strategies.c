@@ -104,7 +104,7 @@ static void check_unweighted(const image_t *image)
 }
 
 /* Of a path of one segment there is one strategy, whose weight is 1; of all others every strategy takes a
- * share. */
+ * share. Those that join two vertices in mid-scene may take nearly all, and draw other numbers without weights. */
 static void check_weights(const image_t *image)
 {
     double lights = mean_of(image, (strategy_t){0, 2}, true);
@@ -113,7 +113,8 @@ static void check_weights(const image_t *image)
         for (int s = 0; s <= k; s++) {
             strategy_t strategy = {s, k + 1 - s};
             double weighted = mean_of(image, strategy, true);
-            assert_true(weighted > 0 && weighted < 0.9 * mean_of(image, strategy, false));
+            double most = s >= 2 && strategy.t >= 2 ? 1 + tolerance_of(strategy) : 0.9;
+            assert_true(weighted > 0 && weighted < most * mean_of(image, strategy, false));
         }
 }
 

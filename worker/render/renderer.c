@@ -251,7 +251,6 @@ static void render_block(const integrator_ops_t *integrator, const block_t *bloc
             int x = block->x + column * POOL_STRIDE, y = block->y + row * POOL_STRIDE;
             if (rect_has(tile, x, y)) render_sample(integrator, tile, &sample, x, y);
         }
-    if (integrator->close != NULL) integrator->close(&sample);
 }
 
 /* The samples from `first` to before `end` of all pixels of the unit's tile; false when cancelled. */

@@ -31,12 +31,16 @@ static const roulette_t roulette = {.from = 3, .most = 1};
 /* Connections that bring less than this part of a sample's noise are left to Russian roulette. */
 static const float FAINT = 0.2f;
 
+/* Multiples of it, modulo 1, lie apart. */
+static const float golden = 0.618034f;
+
 /* One of the two halves of a sample: its eye or its light subpath. */
 typedef struct {
     sample_t *sample;
     const setup_t *setup;
     rgb_t radiance;    /* of the eye subpath, so far */
     rgb_t own;         /* what of it is not a light seen directly, for lessons */
+    float brought;     /* by the light subpath to the film: squares of what counts for lessons */
     light_path_t path; /* the light subpath */
     float eta;         /* of merging (subpath.h); 0: there is none */
     float brightness;  /* 1 / that of the picture at the pixel; 0: not known */
@@ -45,8 +49,9 @@ typedef struct {
     vec2_t rasters[SCENE_PACKET];      /* where those to the camera fall */
     uint32_t dimensions[SCENE_PACKET]; /* of the vertices they come from */
     uint32_t lights[SCENE_PACKET];     /* where the light of all of them comes from */
-    light_path_t *paths[SCENE_PACKET]; /* that those to the pool come from; NULL: a fresh place on a light */
-    float factors[SCENE_PACKET];       /* of these choices */
+    const light_path_t
+        *paths[SCENE_PACKET];    /* that those to the pool come from; NULL: a fresh place on a light */
+    float factors[SCENE_PACKET]; /* of these choices */
 } half_t;
 
 /* True when the job wants the strategy of s light and t eye vertices. */
@@ -92,7 +97,7 @@ static void take_splats(half_t *b)
         if (lost >> i & 1) continue;
         rgb_t value = b->connections.values[i];
         sample_splat(b->sample, b->rasters[i], value, b->lights[i], b->dimensions[i]);
-        if (b->teaches) b->path.brought += square(lesson_of(b, b->rasters[i].x, b->rasters[i].y, value));
+        if (b->teaches) b->brought += square(lesson_of(b, b->rasters[i].x, b->rasters[i].y, value));
     }
 }
 
@@ -101,9 +106,13 @@ static void take_splats(half_t *b)
  * that is what the choices for all pixels add up to, on average. */
 static void note_choice(const half_t *b, int i, rgb_t value)
 {
+    const light_path_t *path = b->paths[i];
     float x = (float)b->sample->pixel_x, y = (float)b->sample->pixel_y, factor = b->factors[i];
     float alone = lesson_of(b, x, y, v_scale(value, 1 / factor));
-    b->paths[i]->brought += square(alone) * factor / (float)light_pool_pixels(b->sample->pool);
+    float brought = square(alone) * factor / (float)light_pool_pixels(b->sample->pool);
+    float u = sample_2d(b->sample, b->dimensions[i]).y + golden * (float)i;
+    lesson_note_part(b->sample, LESSON_LIGHTS + path->lessons[0], brought * path->density, GUIDE_SQUARE_BITS,
+                     u - floorf(u));
 }
 
 /* Traces the connections of an eye vertex and takes what arrives. */
@@ -116,7 +125,7 @@ static void take_connections(half_t *b)
         rgb_t value = b->connections.values[i];
         b->radiance = v_add(b->radiance, value);
         b->own = v_add(b->own, value);
-        if (b->teaches && b->paths[i] != NULL) note_choice(b, i, value);
+        if (b->paths[i] != NULL && b->paths[i]->teaches) note_choice(b, i, value);
     }
     if (b->setup->light_groups != NULL) light_connections(b, count, lost);
 }
@@ -125,7 +134,6 @@ static void take_connections(half_t *b)
  * is that of the picture where it goes; `k` counts connections that share the random number. */
 static bool survives(const half_t *b, float brightness, uint32_t dimension, uint32_t k, rgb_t *value)
 {
-    const float golden = 0.618034f;
     float chance = v_max(*value) * brightness / (FAINT * b->setup->noise);
     if (!(chance < 1) || !(brightness > 0)) return true;
     float u = sample_2d(b->sample, dimension).x + golden * (float)k;
@@ -226,6 +234,7 @@ static void join_vertices(half_t *b, const vertex_t *z, const light_choice_t *ch
                             distance, value);
     b->lights[n] = choice->path->source;
     b->paths[n] = choice->path;
+    b->dimensions[n] = z->dimension + DIMENSION_SURVIVE;
     b->factors[n] = choice->factor;
 }
 
@@ -308,6 +317,7 @@ static void begin(half_t *b, sample_t *sample)
     b->sample = sample;
     b->setup = sample->setup;
     b->radiance = b->own = vec3(0, 0, 0);
+    b->brought = 0;
     b->connections.segments = (segments_t){0};
     b->connections.absorbing = 0;
     b->teaches = lesson_due(sample);
@@ -335,6 +345,15 @@ static void trace_light_subpath(half_t *b, walk_t *walk, bool splats)
     }
 }
 
+/* What a light subpath teaches, beside what its connections bring (note_choice). */
+static void teach_light(const half_t *b, uint64_t rays)
+{
+    float density = b->path.density;
+    if (!(b->brought < INFINITY)) return;
+    lesson_note(b->sample, LESSON_LIGHTS + b->path.lessons[0], b->brought * density, GUIDE_SQUARE_BITS);
+    lesson_note(b->sample, LESSON_LIGHTS + b->path.lessons[1], (float)rays / density, GUIDE_COST_BITS);
+}
+
 static void bdpt_light(sample_t *sample, bool splats)
 {
     half_t b;
@@ -345,14 +364,13 @@ static void bdpt_light(sample_t *sample, bool splats)
     if (!walk_from_light(sample, roulette, &walk, &ray)) return;
     b.path = (light_path_t){.source = ray.light,
                             .view_ratio = ray.view_ratio,
-                            .teaches = splats && b.teaches,
+                            .teaches = b.teaches && ray.start.density > 0,
                             .density = ray.start.density,
                             .lessons = {ray.lessons[0], ray.lessons[1]}};
-    light_path_t *path = light_pool_add_path(sample->pool, &b.path);
+    light_pool_add_path(sample->pool, &b.path);
     trace_light_subpath(&b, &walk, splats);
     if (b.connections.segments.count > 0) take_splats(&b);
-    path->brought = b.path.brought;
-    path->rays = (float)(sample->result->counts.rays - rays);
+    if (b.path.teaches && splats) teach_light(&b, sample->result->counts.rays - rays);
 }
 
 /* What an eye subpath teaches, which took so many rays. */
@@ -393,21 +411,6 @@ static rgb_t bdpt_eye(sample_t *sample)
     return b.radiance;
 }
 
-/* What the light subpaths of the block teach, after all its eye subpaths. */
-static void bdpt_close(sample_t *sample)
-{
-    int count;
-    const light_path_t *paths = light_pool_paths(sample->pool, &count);
-    for (int i = 0; i < count; i++) {
-        const light_path_t *path = &paths[i];
-        if (!path->teaches || !(path->density > 0) || !(path->brought < INFINITY)) continue;
-        lesson_note(sample, LESSON_LIGHTS + path->lessons[0], path->brought * path->density,
-                    GUIDE_SQUARE_BITS);
-        lesson_note(sample, LESSON_LIGHTS + path->lessons[1], path->rays / path->density, GUIDE_COST_BITS);
-    }
-}
-
-const integrator_ops_t integrator_bdpt = {
-    .light = bdpt_light, .sample = bdpt_eye, .close = bdpt_close, .traces_light = true};
+const integrator_ops_t integrator_bdpt = {.light = bdpt_light, .sample = bdpt_eye, .traces_light = true};
 const integrator_ops_t integrator_vcm = {
-    .light = bdpt_light, .sample = bdpt_eye, .close = bdpt_close, .traces_light = true, .merges = true};
+    .light = bdpt_light, .sample = bdpt_eye, .traces_light = true, .merges = true};

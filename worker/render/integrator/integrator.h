@@ -65,11 +65,10 @@ typedef struct {
     /* Radiance along the eye subpath of this sample. */
     rgb_t (*sample)(sample_t *sample);
     /* NULL, or: samples of one index go in blocks of pixels (light_pool.h). Of a block, `light` is called for
-     * each light subpath, with the pixel that it belongs to, then `sample` for the pixels that are to be
-     * rendered, and `close` with the last of them. `splats`: the pixel is one of these; else only light
-     * vertices are wanted. All samples of a block have one time. */
+     * each light subpath, with the pixel that it belongs to, and then `sample` for the pixels that are to be
+     * rendered. `splats`: the pixel is one of these; else only light vertices are wanted. All samples of a
+     * block have one time. */
     void (*light)(sample_t *sample, bool splats);
-    void (*close)(sample_t *sample);
     bool traces_light; /* every sample traces one light subpath */
     bool merges;       /* samples get photons */
 } integrator_ops_t;

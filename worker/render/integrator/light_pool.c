@@ -74,26 +74,20 @@ int light_pool_pixels(const light_pool_t *pool)
     return pool->pixels;
 }
 
-light_path_t *light_pool_add_path(light_pool_t *pool, const light_path_t *path)
+void light_pool_add_path(light_pool_t *pool, const light_path_t *path)
 {
     assert(pool->path_count < pool->pixels);
-    pool->paths[pool->path_count] = *path;
-    return &pool->paths[pool->path_count++];
-}
-
-light_path_t *light_pool_paths(light_pool_t *pool, int *count)
-{
-    *count = pool->path_count;
-    return pool->paths;
+    pool->paths[pool->path_count++] = *path;
 }
 
 /* ---- what an eye vertex looks at ----------------------------------------------------------------------- */
 
-/* The shading normal on the side that the subpath comes from. */
+/* The shading normal on the side that the subpath comes from. What is reflected leaves on this side, since
+ * directions about whose sides the two normals disagree are black (bsdf_eval). */
 static vec3_t facing_normal(const vertex_t *vertex)
 {
-    const bsdf_t *bsdf = &vertex->bsdf;
-    return v_dot(vertex->wo, bsdf->ng) < 0 ? v_neg(bsdf->ns) : bsdf->ns;
+    vec3_t ns = vertex->bsdf.ns;
+    return v_dot(vertex->wo, ns) < 0 ? v_neg(ns) : ns;
 }
 
 /* 1 when light may go through, else 0. */

@@ -34,18 +34,15 @@ enum {
 typedef struct {
     uint32_t source;  /* the light it starts from, */
     float view_ratio; /* of its place there (light_ray_t) */
-    /* For lessons: */
     bool teaches;
-    float density;       /* of its start; 0: none */
-    uint32_t lessons[2]; /* of that start */
-    float brought;       /* squares, in terms of how bright the picture is there */
-    float rays;          /* that it took */
+    float density;       /* of its start, */
+    uint32_t lessons[2]; /* whose places these are (light_ray_t); if it teaches */
 } light_path_t;
 
 /* A light vertex that was chosen. */
 typedef struct {
     const vertex_t *vertex;
-    light_path_t *path;
+    const light_path_t *path;
     float factor; /* on its contribution: 1 / (how many light subpaths x how often it is chosen) */
 } light_choice_t;
 
@@ -60,13 +57,10 @@ void light_pool_destroy(light_pool_t **pool);
 void light_pool_reset(light_pool_t *pool, int pixels);
 /* Pixels of the block. */
 int light_pool_pixels(const light_pool_t *pool);
-/* Adds a subpath, which stays the pool's. */
-light_path_t *light_pool_add_path(light_pool_t *pool, const light_path_t *path);
+/* Adds a subpath. */
+void light_pool_add_path(light_pool_t *pool, const light_path_t *path);
 /* Adds a copy of a vertex, which was weighed and shaded, to the last subpath. */
 void light_pool_add(light_pool_t *pool, const vertex_t *vertex);
-/* The subpaths, and how many there are. */
-light_path_t *light_pool_paths(light_pool_t *pool, int *count);
-
 enum { LIGHT_CHOICES_MOST = 6 };
 
 /* What an eye vertex asks of the pool. */
