@@ -92,7 +92,7 @@ static void check_means(int depth, int count, int least, int most, bool weighted
         if (!(mean < (may ? 1.02 : 0.001)) || (must && !(mean > 0.98)))
             fail_msg("vertex %d counts %g times", i, mean);
     }
-    assert_true(possible > 2);
+    assert_true(possible > 0);
     light_pool_destroy(&pool);
 }
 
@@ -102,6 +102,7 @@ static void first_vertices_count_all(void **state)
     check_means(1, VERTICES, 1, 100, true, 0);
     check_means(1, VERTICES, 1, 100, false, 1000);
     check_means(1, 29, 1, 100, true, 100);
+    check_means(1, 9, 1, 100, false, 1000); /* few: some are chosen twice */
 }
 
 /* They look at a part of the groups only, another one for each number. */
