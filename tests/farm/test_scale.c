@@ -66,7 +66,7 @@ static void many_workers_deliver_to_one_master(void **state)
 static void a_master_that_falls_behind_is_not_flooded(void **state)
 {
     (void)state;
-    const double credit = 12, film = 640 * 360 * 104.0 / MB, rest = 30; /* MB */
+    const double credit = 4, film = 640 * 360 * 104.0 / MB, rest = 30; /* MB */
     const double plans = 12;                                            /* on their way to workers */
     sim_options_t options = small_farm();
     options.batch_megabytes = (int)credit;
