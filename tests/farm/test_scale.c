@@ -67,7 +67,7 @@ static void a_master_that_falls_behind_is_not_flooded(void **state)
 {
     (void)state;
     const double credit = 4, film = 640 * 360 * 104.0 / MB, rest = 30; /* MB */
-    const double plans = 12;                                            /* on their way to workers */
+    const double plans = 12;                                           /* on their way to workers */
     sim_options_t options = small_farm();
     options.batch_megabytes = (int)credit;
     options.pause_merging = true;

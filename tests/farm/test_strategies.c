@@ -104,7 +104,8 @@ static void check_unweighted(const image_t *image)
 }
 
 /* Of a path of one segment there is one strategy, whose weight is 1; of all others every strategy takes a
- * share. Those that join two vertices in mid-scene may take nearly all, and draw other numbers without weights. */
+ * share. Those that join two vertices in mid-scene may take nearly all, and draw other numbers without
+ * weights. */
 static void check_weights(const image_t *image)
 {
     double lights = mean_of(image, (strategy_t){0, 2}, true);

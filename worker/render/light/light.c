@@ -76,7 +76,7 @@ static void ask_light(lights_t *lights, uint32_t number, uint32_t pair, uint32_t
  * the same. */
 static void ask_lights(lights_t *lights, uint32_t shining)
 {
-    if (shining > LIGHTS_FIRST_MOST || lights->sky_count > 0) return;
+    if (shining == 0 || shining > LIGHTS_FIRST_MOST || lights->sky_count > 0) return;
     uint32_t pair = 0;
     for (uint32_t i = 0; i < lights->count; i++) {
         const light_t *light = &lights->lights[i];
