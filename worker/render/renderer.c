@@ -185,72 +185,88 @@ static block_t block_at(const job_settings_t *settings, int x, int y)
     return (block_t){x, y, int_min(columns, POOL_SIDE), int_min(rows, POOL_SIDE)};
 }
 
-static uint32_t pixel_number(const job_settings_t *settings, int x, int y)
+/* Where along an axis the next block begins: at the first pixels of each region. */
+static int next_block(int at)
 {
-    return (uint32_t)y * (uint32_t)settings->width + (uint32_t)x;
+    return (at + 1) % POOL_REGION < POOL_STRIDE ? at + 1 : at + 1 + POOL_REGION - POOL_STRIDE;
 }
 
-/* How many light subpaths the samples of a block have, together: as many as the share says, on average. */
-static uint32_t light_count_of(const setup_t *setup, uint32_t pixels, sampler_t numbers)
+static int block_pixels(const block_t *block)
 {
-    if (!(setup->light_share < 1)) return pixels;
-    float count = setup->light_share * (float)pixels + sampler_1d(&numbers);
-    return count < (float)pixels ? (uint32_t)count : pixels;
+    return block->columns * block->rows;
 }
 
-/* The light half of the samples of a block, which get its time. */
-static void trace_light(const integrator_ops_t *integrator, const block_t *block, const rect_t *tile,
-                        sample_t *sample)
+/* The sample of the i-th pixel of a block, made of what it shares with others; it has no numbers yet. */
+static sample_t sample_of(const sample_t *shared, const block_t *block, int i)
+{
+    sample_t sample = *shared;
+    sample.pixel_x = (uint32_t)(block->x + i % block->columns * POOL_STRIDE);
+    sample.pixel_y = (uint32_t)(block->y + i / block->columns * POOL_STRIDE);
+    return sample;
+}
+
+/* The number of the sample's pixel, which is also that of the block that begins there. */
+static uint32_t number_of(const sample_t *sample)
+{
+    return sample->pixel_y * (uint32_t)sample->setup->settings.width + sample->pixel_x;
+}
+
+/* The numbers of the sample's pixel. */
+static sampler_t numbers_of(const sample_t *sample)
 {
     const job_settings_t *settings = &sample->setup->settings;
-    uint32_t pixels = (uint32_t)(block->columns * block->rows);
-    uint32_t number = pixel_number(settings, block->x, block->y);
-    /* Of the block as a whole, beside those of its subpaths: */
-    sampler_t own = sampler_new(SAMPLER_INDEPENDENT, settings->seed, JOB_MAX_PIXELS + number, sample->sample);
-    sample->numbers = sampler_new(settings->sampler, settings->seed, number, sample->sample);
-    if (sample->photons == NULL) sample->time = sample_time(sample);
-    light_pool_reset(sample->pool, (int)pixels);
-    uint32_t count = light_count_of(sample->setup, pixels, own);
-    for (uint32_t i = 0; i < count; i++) {
-        sample_t member = *sample;
-        int x = block->x + (int)(i % (uint32_t)block->columns) * POOL_STRIDE;
-        int y = block->y + (int)(i / (uint32_t)block->columns) * POOL_STRIDE;
-        member.pixel_x = (uint32_t)x;
-        member.pixel_y = (uint32_t)y;
-        member.numbers = sampler_new_member(settings->sampler, settings->seed, number, sample->sample, i);
-        integrator->light(&member, rect_has(tile, x, y));
+    return sampler_new(settings->sampler, settings->seed, number_of(sample), sample->sample);
+}
+
+/* How many light subpaths the block of this first sample has: as many as the share says, on average. */
+static int count_light_subpaths(const sample_t *first, int pixels)
+{
+    float share = first->setup->light_share;
+    if (!(share < 1)) return pixels;
+    float u = sample_2d(first, DIMENSION_EYE + DIMENSION_LIGHT_COUNT).x;
+    return int_min((int)(share * (float)pixels + u), pixels);
+}
+
+/* The light half of the samples of a block, whose first one it is. */
+static void trace_light(const integrator_ops_t *integrator, const block_t *block, const rect_t *tile,
+                        const sample_t *first)
+{
+    const job_settings_t *settings = &first->setup->settings;
+    int pixels = block_pixels(block), count = count_light_subpaths(first, pixels);
+    light_pool_reset(first->pool, pixels);
+    for (int i = 0; i < count; i++) {
+        sample_t sample = sample_of(first, block, i);
+        sample.numbers = sampler_new_member(settings->sampler, settings->seed, number_of(first),
+                                            sample.sample, (uint32_t)i);
+        integrator->light(&sample, rect_has(tile, (int)sample.pixel_x, (int)sample.pixel_y));
     }
 }
 
-/* The sample of a pixel of the tile; `shared` has what it shares with others. */
-static void render_sample(const integrator_ops_t *integrator, const rect_t *tile, const sample_t *shared,
-                          int x, int y)
+/* The eye half of a sample of a pixel of the tile. */
+static void trace_eye(const integrator_ops_t *integrator, const rect_t *tile, sample_t *sample)
 {
-    sample_t sample = *shared;
-    const job_settings_t *settings = &sample.setup->settings;
     size_t row = (size_t)(tile->x1 - tile->x0), pixels = row * (size_t)(tile->y1 - tile->y0);
-    size_t pixel = (size_t)(y - tile->y0) * row + (size_t)(x - tile->x0);
-    sample.pixel_x = (uint32_t)x;
-    sample.pixel_y = (uint32_t)y;
-    sample.numbers =
-        sampler_new(settings->sampler, settings->seed, pixel_number(settings, x, y), sample.sample);
-    if (integrator->light == NULL) sample.time = sample_time(&sample);
-    rgb_t value = integrator->sample(&sample);
-    add_eye_sample(sample.setup, &sample, pixel, pixels, value);
-    unit_result_feature(sample.result, pixel, sample.sample, &sample.first_hit);
+    size_t pixel = (sample->pixel_y - (size_t)tile->y0) * row + sample->pixel_x - (size_t)tile->x0;
+    rgb_t value = integrator->sample(sample);
+    add_eye_sample(sample->setup, sample, pixel, pixels, value);
+    unit_result_feature(sample->result, pixel, sample->sample, &sample->first_hit);
 }
 
 /* The samples of one index of what of a block is in the tile. */
 static void render_block(const integrator_ops_t *integrator, const block_t *block, const rect_t *tile,
-                         sample_t sample)
+                         const sample_t *shared)
 {
-    if (sample.photons != NULL) sample.time = sample.photons->time;
-    if (integrator->light != NULL) trace_light(integrator, block, tile, &sample);
-    for (int row = 0; row < block->rows; row++)
-        for (int column = 0; column < block->columns; column++) {
-            int x = block->x + column * POOL_STRIDE, y = block->y + row * POOL_STRIDE;
-            if (rect_has(tile, x, y)) render_sample(integrator, tile, &sample, x, y);
-        }
+    sample_t first = sample_of(shared, block, 0);
+    first.numbers = numbers_of(&first);
+    first.time = shared->photons != NULL ? shared->photons->time : sample_time(&first);
+    if (integrator->light != NULL) trace_light(integrator, block, tile, &first);
+    for (int i = 0; i < block_pixels(block); i++) {
+        sample_t sample = sample_of(&first, block, i);
+        if (!rect_has(tile, (int)sample.pixel_x, (int)sample.pixel_y)) continue;
+        sample.numbers = numbers_of(&sample);
+        if (integrator->light == NULL) sample.time = sample_time(&sample);
+        trace_eye(integrator, tile, &sample);
+    }
 }
 
 /* The samples from `first` to before `end` of all pixels of the unit's tile; false when cancelled. */
@@ -260,18 +276,15 @@ static bool render_run(const renderer_t *renderer, const unit_t *unit, uint32_t 
 {
     const setup_t *setup = setup_of(renderer, unit);
     rect_t tile = job_tile_rect(&setup->settings, unit->tile);
-    /* Block by block, of which the tile has those that begin in its regions; and of each region the first
-     * pixels. */
     int x0 = tile.x0 / POOL_REGION * POOL_REGION, y0 = tile.y0 / POOL_REGION * POOL_REGION;
-    for (int y = y0; y < tile.y1; y++)
-        for (int x = x0; x < tile.x1; x++) {
-            if (x % POOL_REGION >= POOL_STRIDE || y % POOL_REGION >= POOL_STRIDE) continue;
+    for (int y = y0; y < tile.y1; y = next_block(y))
+        for (int x = x0; x < tile.x1; x = next_block(x)) {
             block_t block = block_at(&setup->settings, x, y);
             for (uint32_t i = first; i < end; i++) {
                 if (atomic_load_explicit(cancel, memory_order_relaxed)) return false;
-                sample_t sample = {
+                sample_t shared = {
                     .setup = setup, .sample = i, .photons = photons, .pool = pool, .result = result};
-                render_block(renderer->integrator, &block, &tile, sample);
+                render_block(renderer->integrator, &block, &tile, &shared);
             }
         }
     return true;

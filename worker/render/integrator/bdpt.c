@@ -8,8 +8,8 @@
  * from the pool (light_pool.h). It evaluates each before it pays for the shadow ray, and traces the rays of
  * those that carry anything as one packet.
  *
- * Where nothing can be joined to the camera (camera.h) there is no t = 1, and a sample whose eye ray is lost
- * in the lens ends at once.
+ * Where nothing can be joined to the camera (camera.h) there is no t = 1, and an eye subpath that is lost in
+ * the lens ends at once.
  *
  * A job may ask for one strategy alone, with its weight or without (job_settings_t): Veach's pyramid.
  *
@@ -31,8 +31,8 @@ static const roulette_t roulette = {.from = 3, .most = 1};
 /* Connections that bring less than this part of a sample's noise are left to Russian roulette. */
 static const float FAINT = 0.2f;
 
-/* Multiples of it, modulo 1, lie apart. */
-static const float golden = 0.618034f;
+/* What is noted of choices must fit beside what else a sample notes (lessons.h). */
+static_assert((JOB_MAX_DEPTH + 1) * LIGHT_CHOICES_MOST < LESSON_PARTS_MOST, "lessons overflow");
 
 /* One of the two halves of a sample: its eye or its light subpath. */
 typedef struct {
@@ -49,9 +49,10 @@ typedef struct {
     vec2_t rasters[SCENE_PACKET];      /* where those to the camera fall */
     uint32_t dimensions[SCENE_PACKET]; /* of the vertices they come from */
     uint32_t lights[SCENE_PACKET];     /* where the light of all of them comes from */
-    const light_path_t
-        *paths[SCENE_PACKET];    /* that those to the pool come from; NULL: a fresh place on a light */
-    float factors[SCENE_PACKET]; /* of these choices */
+    /* That those to the pool come from, NULL being a fresh place on a light; and the factors of these
+     * choices. */
+    const light_path_t *paths[SCENE_PACKET];
+    float factors[SCENE_PACKET];
 } half_t;
 
 /* True when the job wants the strategy of s light and t eye vertices. */
@@ -101,6 +102,14 @@ static void take_splats(half_t *b)
     }
 }
 
+/* The k-th of the uniform numbers that share one; they lie apart. */
+static inline float spread(float u, uint32_t k)
+{
+    const float golden = 0.618034f;
+    float shifted = u + golden * (float)k;
+    return shifted - floorf(shifted);
+}
+
 /* Notes what a light subpath brought to a pixel through a connection. A subpath that brings C to each pixel
  * of its block by itself brings each C / n, n pixels, so that its part of the noise of a pixel is C^2 / n;
  * that is what the choices for all pixels add up to, on average. */
@@ -110,9 +119,9 @@ static void note_choice(const half_t *b, int i, rgb_t value)
     float x = (float)b->sample->pixel_x, y = (float)b->sample->pixel_y, factor = b->factors[i];
     float alone = lesson_of(b, x, y, v_scale(value, 1 / factor));
     float brought = square(alone) * factor / (float)light_pool_pixels(b->sample->pool);
-    float u = sample_2d(b->sample, b->dimensions[i]).y + golden * (float)i;
+    float u = spread(sample_2d(b->sample, b->dimensions[i]).y, (uint32_t)i);
     lesson_note_part(b->sample, LESSON_LIGHTS + path->lessons[0], brought * path->density, GUIDE_SQUARE_BITS,
-                     u - floorf(u));
+                     u);
 }
 
 /* Traces the connections of an eye vertex and takes what arrives. */
@@ -136,8 +145,7 @@ static bool survives(const half_t *b, float brightness, uint32_t dimension, uint
 {
     float chance = v_max(*value) * brightness / (FAINT * b->setup->noise);
     if (!(chance < 1) || !(brightness > 0)) return true;
-    float u = sample_2d(b->sample, dimension).x + golden * (float)k;
-    if (!(u - floorf(u) < chance)) return false;
+    if (!(spread(sample_2d(b->sample, dimension).x, k) < chance)) return false;
     *value = v_scale(*value, 1 / chance);
     return true;
 }
@@ -156,7 +164,7 @@ static void join_camera(half_t *b, const vertex_t *y)
     float factor = vertex_cosine(y, view.w) * vertex_adjoint(y, view.w) * view.density;
     rgb_t value = v_scale(v_mul(y->throughput, fy.f), factor * weight);
     if (v_is_zero(value)) return;
-    float brightness = b->brightness > 0 ? setup_brightness(b->setup, view.raster.x, view.raster.y) : 0;
+    float brightness = setup_brightness(b->setup, view.raster.x, view.raster.y);
     if (!survives(b, brightness, y->dimension + DIMENSION_LIGHT_SURVIVE, 0, &value)) return;
     int n = connections_add(&b->connections, view.position, vertex_exit(y, view.w), vertex_medium(y, view.w),
                             v_length(v_sub(view.position, vertex_point(y))), value);
@@ -321,9 +329,7 @@ static void begin(half_t *b, sample_t *sample)
     b->connections.segments = (segments_t){0};
     b->connections.absorbing = 0;
     b->teaches = lesson_due(sample);
-    b->brightness = 0;
-    if (sample->setup->inverse_brightness != NULL)
-        b->brightness = setup_brightness(sample->setup, (float)sample->pixel_x, (float)sample->pixel_y);
+    b->brightness = setup_brightness(sample->setup, (float)sample->pixel_x, (float)sample->pixel_y);
     b->eta = sample->photons != NULL ? sample->photons->eta : 0;
 }
 
@@ -374,7 +380,7 @@ static void bdpt_light(sample_t *sample, bool splats)
 }
 
 /* What an eye subpath teaches, which took so many rays. */
-static void teach(const half_t *b, uint64_t rays)
+static void teach_eye(const half_t *b, uint64_t rays)
 {
     uint32_t x = b->sample->pixel_x, y = b->sample->pixel_y;
     float own = lesson_of(b, (float)x, (float)y, b->own);
@@ -407,7 +413,7 @@ static rgb_t bdpt_eye(sample_t *sample)
         if (z.merging > 0) merge_photons(&b, &z);
         if (!walk_scatter(&walk, sample, &z)) break;
     }
-    if (b.teaches) teach(&b, sample->result->counts.rays - rays);
+    if (b.teaches) teach_eye(&b, sample->result->counts.rays - rays);
     return b.radiance;
 }
 

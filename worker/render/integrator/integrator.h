@@ -24,7 +24,7 @@ typedef struct {
     bool regularizes;            /* blob_scene_t */
     float max_luminance;         /* blob_scene_t */
     const uint8_t *light_groups; /* of each light; NULL in a job without groups */
-    float light_share; /* of the samples that have a light subpath, which counts so many times more */
+    float light_share;           /* how many light subpaths a sample has, on average */
     /* Of a job that learns (lessons.h): which pixels teach, and 1 / about how bright the picture is, of
      * BRIGHTNESS_SIDE x BRIGHTNESS_SIDE parts of the film. */
     uint32_t teaching_mask;
@@ -34,9 +34,10 @@ typedef struct {
 } setup_t;
 
 enum { BRIGHTNESS_SIDE = 8 };
-/* The one of a place of the film, which may lie outside. */
+/* The one of a place of the film, which may lie outside; 0: not known. */
 static inline float setup_brightness(const setup_t *setup, float x, float y)
 {
+    if (setup->inverse_brightness == NULL) return 0;
     int u = (int)(x * BRIGHTNESS_SIDE / (float)setup->settings.width);
     int v = (int)(y * BRIGHTNESS_SIDE / (float)setup->settings.height);
     u = int_min(int_max(u, 0), BRIGHTNESS_SIDE - 1);
@@ -56,7 +57,7 @@ typedef struct {
     float eye_weight;               /* factor on the eye subpath's radiance; set by sample_eye_ray */
     first_hit_t first_hit;          /* filled by integrators that trace eye subpaths */
     rgb_t groups[LIGHT_GROUPS_MAX]; /* what of the radiance of the eye subpath comes from each light group */
-    struct light_pool *pool;        /* of its block; NULL: the integrator needs none */
+    struct light_pool *pool;        /* of its block */
     const struct photon_set *photons; /* that it merges with; NULL: none */
     unit_result_t *result;            /* receives splats and counts */
 } sample_t;
@@ -69,7 +70,7 @@ typedef struct {
      * rendered. `splats`: the pixel is one of these; else only light vertices are wanted. All samples of a
      * block have one time. */
     void (*light)(sample_t *sample, bool splats);
-    bool traces_light; /* every sample traces one light subpath */
+    bool traces_light; /* its splats are over the number of samples */
     bool merges;       /* samples get photons */
 } integrator_ops_t;
 
@@ -86,8 +87,8 @@ enum {
     DIMENSION_LIGHT = DIMENSION_EYE + 6,
     DIMENSION_STRIDE = 12
 };
-/* Of vertex 0 of the eye subpath. */
-enum { DIMENSION_FILTER = 0, DIMENSION_LENS = 1, DIMENSION_TIME = 2 };
+/* Of vertex 0 of the eye subpath; the last is the block's, for how many light subpaths it has. */
+enum { DIMENSION_FILTER = 0, DIMENSION_LENS = 1, DIMENSION_TIME = 2, DIMENSION_LIGHT_COUNT = 3 };
 /* Of vertex i >= 1 of the eye subpath: a light's choice and place, the scattering, the choice of light
  * vertices, and which connections survive. */
 enum { DIMENSION_ILLUMINATE = 0, DIMENSION_SCATTER = 2, DIMENSION_CHOOSE = 4, DIMENSION_SURVIVE = 5 };

@@ -45,6 +45,9 @@ static inline uint32_t lesson_block(const job_settings_t *settings, uint32_t x, 
     return row * LESSON_BLOCKS_SIDE + x * LESSON_BLOCKS_SIDE / (uint32_t)settings->width;
 }
 
+/* So many small contributions a sample may add to one place, beside a large one. */
+enum { LESSON_PART_BITS = LEARNING_BITS - 14, LESSON_PARTS_MOST = 1 << 13 };
+
 /* Adds to a place, in units of 2^-bits. One contribution that is far brighter than the rest says little, so
  * that what it says is bounded. */
 static inline void lesson_note(const sample_t *sample, uint32_t place, float lesson, int bits)
@@ -54,12 +57,11 @@ static inline void lesson_note(const sample_t *sample, uint32_t place, float les
     unit_result_teach(sample->result, place, (uint64_t)(units < most ? units + 0.5f : most));
 }
 
-/* The same for one of many that a sample may add to a place: all of them, and what lesson_note adds, are
- * together less than what a place may take of a sample. They are small, so that they are rounded by chance; u
- * is a uniform number. */
+/* The same for one of up to LESSON_PARTS_MOST small ones. They are rounded by chance; u is a uniform number.
+ */
 static inline void lesson_note_part(const sample_t *sample, uint32_t place, float lesson, int bits, float u)
 {
-    const float most = (float)(1 << (LEARNING_BITS - 14));
+    const float most = (float)((1 << LESSON_PART_BITS) - 1);
     float units = lesson * (float)(1 << bits);
     unit_result_teach(sample->result, place, (uint64_t)((units < most ? units : most) + u));
 }

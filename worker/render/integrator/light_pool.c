@@ -1,12 +1,13 @@
 /* light_pool: see light_pool.h.
  *
- * DESIGN. Every eye vertex looks at every light vertex of its block, some two hundred. So what it looks at is
- * kept apart from the vertices themselves, in lanes of LANES, which the compiler makes vector instructions
- * of.
+ * DESIGN. An eye vertex looks at the light vertices of its block, some two hundred, before it chooses. So
+ * what it looks at is kept apart from the vertices themselves, in groups of LANES, which the compiler makes
+ * vector instructions of. Deeper eye vertices, which matter less, look at a part of the groups only, evenly
+ * spread; where there are many so does the first.
  *
  * The estimate takes both surfaces for Lambertian ones: throughput x albedo x geometry, times the weight that
- * this gives (subpath.h). Where they are, and nothing is in the way, it is exact but for colours. Others are
- * helped by a FLOOR below which no chance falls, as a part of the mean chance.
+ * this gives (subpath.h). Where they are, and nothing is in the way, it is exact but for colours. For
+ * others there is a FLOOR below which no chance falls, a part of the mean chance.
  */
 #include "worker/render/integrator/light_pool.h"
 

@@ -61,6 +61,7 @@ int light_pool_pixels(const light_pool_t *pool);
 void light_pool_add_path(light_pool_t *pool, const light_path_t *path);
 /* Adds a copy of a vertex, which was weighed and shaded, to the last subpath. */
 void light_pool_add(light_pool_t *pool, const vertex_t *vertex);
+
 enum { LIGHT_CHOICES_MOST = 6 };
 
 /* What an eye vertex asks of the pool. */
@@ -68,7 +69,7 @@ typedef struct {
     int least, most; /* depths of light vertices */
     bool weighted;   /* contributions are */
     float worth;     /* what the vertex makes of light from a surface, in terms of a sample's noise: the more
-                        light it     expects, the more it chooses. 0: not known */
+                        light it expects, the more it chooses. 0: not known */
     float u;         /* a uniform number */
 } light_wish_t;
 

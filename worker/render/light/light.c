@@ -10,21 +10,23 @@
 static const light_ops_t *const kinds[] = {LIGHT_KINDS(TABLE_ENTRY)};
 #undef TABLE_ENTRY
 
-/* How many places the first vertex draws on a few lights together, if each has its part; on more lights than
- * can be asked each, so many lights are chosen. */
+/* How many places the first vertex draws: on a few lights together, if each has its part; or on so many
+ * lights that are chosen. */
 enum { PLACES = 4 };
-/* With a sky: more would cost more than they bring (docs/performance.md). */
-enum { PLACES_OF_SKY = 2 };
+/* Where there is a sky: more would cost more than they bring (docs/performance.md). */
+enum { PLACES_WITH_SKY = 2 };
 /* Of a light without lessons. */
 static const uint32_t NO_LESSON = UINT32_MAX;
+/* Of a place whose light is to be chosen. */
+static const uint32_t ANY_LIGHT = UINT32_MAX;
 /* The part of light subpaths whose light is chosen by power, whatever was learned. */
 static const double BY_POWER = 0.25;
 
 /* One of the places that the first vertex asks for. */
 typedef struct {
-    uint32_t light;
-    uint32_t pair; /* of random numbers; the same for all places of a light, */
-    float shift;   /* which are kept apart by this */
+    uint32_t light; /* or ANY_LIGHT */
+    uint32_t pair;  /* of random numbers; the same for all places of a light, */
+    float shift;    /* which are kept apart by this */
 } asked_t;
 
 struct lights {
@@ -35,7 +37,7 @@ struct lights {
     const lights_t *base; /* without guides: their states are its own; NULL: it is one */
     uint32_t *sky;        /* [sky_count] those that are everywhere */
     uint32_t sky_count;
-    asked_t asked[LIGHTS_FIRST_MOST]; /* [asked_count] none where not all lights are asked */
+    asked_t asked[LIGHTS_FIRST_MOST]; /* [asked_count] */
     uint32_t asked_count;
 };
 
@@ -64,29 +66,32 @@ static void place_lights(lights_t *lights, const scene_t *scene)
     }
 }
 
-/* Enters the places to ask for on a light, which is the pair-th of those that shine. */
-static void ask_light(lights_t *lights, uint32_t number, uint32_t pair, uint32_t times)
+/* Enters so many places to ask for on a light, or on any. */
+static void enter_places(lights_t *lights, uint32_t light, uint32_t pair, uint32_t times)
 {
-    lights->lights[number].asked_times = (float)times;
     for (uint32_t k = 0; k < times; k++)
-        lights->asked[lights->asked_count++] = (asked_t){number, pair, (float)k / (float)times};
+        lights->asked[lights->asked_count++] = (asked_t){light, pair, (float)k / (float)times};
 }
 
-/* Decides which lights are asked one by one: all, if they are few. One that has no extent would always answer
- * the same. */
-static void ask_lights(lights_t *lights, uint32_t shining)
+/* Decides where the first vertex asks for places, when so many lights shine: of a few lights each has its
+ * own, and one without extent, which would always answer the same, has one. */
+static void place_first(lights_t *lights, uint32_t shining)
 {
-    if (shining == 0 || shining > LIGHTS_FIRST_MOST || lights->sky_count > 0) return;
-    uint32_t pair = 0;
+    bool any = shining > LIGHTS_FIRST_MOST || lights->sky_count > 0;
+    uint32_t pair = 0, of_any = lights->sky_count > 0 ? PLACES_WITH_SKY : PLACES;
+    if (any) enter_places(lights, ANY_LIGHT, pair, of_any);
     for (uint32_t i = 0; i < lights->count; i++) {
-        const light_t *light = &lights->lights[i];
-        if (!(light->chance > 0)) continue;
-        uint32_t times = light->record->kind == LIGHT_AREA && shining < PLACES ? PLACES / shining : 1;
-        ask_light(lights, i, pair++, times);
+        light_t *light = &lights->lights[i];
+        light->first_times = (float)of_any;
+        if (any || !(light->chance > 0)) continue;
+        bool wide = light->record->kind == LIGHT_AREA && shining < PLACES;
+        uint32_t times = wide ? PLACES / shining : 1;
+        light->first_times = (float)times / light->chance;
+        enter_places(lights, i, pair++, times);
     }
 }
 
-/* Notes the chance of each light, and which are asked one by one. */
+/* Notes the chance of each light, and which are asked by the first vertex. */
 static void choose_lights(lights_t *lights)
 {
     double *powers = mem_zalloc((size_t)lights->count + 1, sizeof *powers);
@@ -99,7 +104,7 @@ static void choose_lights(lights_t *lights)
         lights->lights[i].view_ratio = 1;
         shining += lights->lights[i].chance > 0;
     }
-    ask_lights(lights, shining);
+    place_first(lights, shining);
     free(powers);
 }
 
@@ -258,31 +263,19 @@ bool lights_illuminate(const lights_t *lights, vec3_t point, float choice, vec2_
     return ask(lights, number, 1, point, choice, place, out);
 }
 
-static bool are_all_asked(const lights_t *lights)
-{
-    return lights->asked_count > 0;
-}
-
-static uint32_t chosen(const lights_t *lights)
-{
-    return lights->sky_count > 0 ? PLACES_OF_SKY : PLACES;
-}
-
 uint32_t lights_first_count(const lights_t *lights)
 {
-    return are_all_asked(lights) ? lights->asked_count : chosen(lights);
+    return lights->asked_count;
 }
 
 uint32_t lights_first_pair(const lights_t *lights, uint32_t k)
 {
-    return are_all_asked(lights) ? lights->asked[k].pair : 0;
+    return lights->asked[k].pair;
 }
 
 float lights_first_times(const lights_t *lights, uint32_t number)
 {
-    const light_t *light = &lights->lights[number];
-    return are_all_asked(lights) ? light->asked_times / (light->chance * light->view_ratio)
-                                 : (float)chosen(lights);
+    return lights->lights[number].first_times;
 }
 
 /* Moves a number within [0, 1), round its end. */
@@ -294,14 +287,10 @@ static float shift(float u, float by)
 bool lights_illuminate_first(const lights_t *lights, uint32_t k, vec3_t point, float choice, vec2_t place,
                              light_view_t *out)
 {
-    uint32_t number;
-    float by = are_all_asked(lights) ? lights->asked[k].shift : (float)k / (float)chosen(lights);
-    place = (vec2_t){shift(place.x, by), shift(place.y, by)};
-    choice = shift(choice, by);
-    if (are_all_asked(lights))
-        number = lights->asked[k].light;
-    else
-        number = alias_sample(&lights->alias, &choice);
+    const asked_t *asked = &lights->asked[k];
+    place = (vec2_t){shift(place.x, asked->shift), shift(place.y, asked->shift)};
+    choice = shift(choice, asked->shift);
+    uint32_t number = asked->light != ANY_LIGHT ? asked->light : alias_sample(&lights->alias, &choice);
     return ask(lights, number, lights_first_times(lights, number), point, choice, place, out);
 }
 

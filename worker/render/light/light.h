@@ -13,9 +13,8 @@
  * that the density per area at a point depends on its light alone.
  *
  * Most of what one sees is lit directly, and the first vertex of an eye subpath that scatters by more than
- * mirrors and clear glass is where that shows. For it lights_illuminate_first draws several places, one on
- * each light where they are few and none is a sky. So they are denser there (`density`), and weights must
- * know it.
+ * mirrors and clear glass is where that shows. For it lights_illuminate_first draws several places, on each
+ * light where they are few and none is a sky. So they are denser there (`density`), and weights must know it.
  *
  * A new kind of light is one file light_*.c and one entry in LIGHT_KINDS below.
  */
@@ -123,7 +122,7 @@ typedef struct {
     vec3_t half_sides; /* of the box, a little larger than the scene */
     float chance;      /* of being chosen by lights_emit */
     float view_ratio;  /* that by lights_illuminate over it */
-    float asked_times; /* places that lights_illuminate_first draws on it, where it asks all lights */
+    float first_times; /* lights_first_times */
     guide_kind_t guide_kind;
     uint32_t guide_side; /* cells a side */
     uint32_t first_lesson;
