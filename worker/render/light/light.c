@@ -79,13 +79,13 @@ static void place_first(lights_t *lights, uint32_t shining)
 {
     bool any = shining > LIGHTS_FIRST_MOST || lights->sky_count > 0;
     uint32_t pair = 0, of_any = lights->sky_count > 0 ? PLACES_WITH_SKY : PLACES;
+    uint32_t of_each = 0 < shining && shining < PLACES ? PLACES / shining : 1;
     if (any) enter_places(lights, ANY_LIGHT, pair, of_any);
     for (uint32_t i = 0; i < lights->count; i++) {
         light_t *light = &lights->lights[i];
         light->first_times = (float)of_any;
         if (any || !(light->chance > 0)) continue;
-        bool wide = light->record->kind == LIGHT_AREA && shining < PLACES;
-        uint32_t times = wide ? PLACES / shining : 1;
+        uint32_t times = light->record->kind == LIGHT_AREA ? of_each : 1;
         light->first_times = (float)times / light->chance;
         enter_places(lights, i, pair++, times);
     }
