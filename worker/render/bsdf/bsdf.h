@@ -35,6 +35,8 @@ typedef struct {
     rgb_t weight;  /* f |cos| / pdf, Dirac lobes likewise */
     float pdf;     /* of wi given wo: per steradian, or a probability when specular */
     float pdf_rev; /* of wo given wi */
+    float
+        squeeze; /* the part of the weight that is radiance which gets denser, or thinner, at an interface */
     bool specular;
 } bsdf_sample_t;
 
@@ -184,11 +186,12 @@ typedef struct {
 static_assert(sizeof(lobe_t) <= 112, "a BSDF has ten of them, and is made at every vertex");
 
 enum {
-    LOBE_REFLECTS = 1,    /* may carry light to the same side of the surface */
-    LOBE_TRANSMITS = 2,   /* may carry light through */
-    LOBE_SPECULAR = 4,    /* Dirac: cannot be evaluated, only sampled */
-    LOBE_DISPERSES = 8,   /* refracts each channel its own way */
-    LOBE_MICROFACETS = 16 /* all of it is as narrow as its alphas say */
+    LOBE_REFLECTS = 1,     /* may carry light to the same side of the surface */
+    LOBE_TRANSMITS = 2,    /* may carry light through */
+    LOBE_SPECULAR = 4,     /* Dirac: cannot be evaluated, only sampled */
+    LOBE_DISPERSES = 8,    /* refracts each channel its own way */
+    LOBE_MICROFACETS = 16, /* all of it is as narrow as its alphas say */
+    LOBE_REFRACTS = 32     /* what it transmits goes on in another medium (lobe_dielectric_t) */
 };
 
 /* Directions are in shading coordinates (s, t, ns): z is the cosine to the shading normal. */

@@ -120,7 +120,8 @@ static bool sample(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transp
            eval_pair(lobe, eta, up, wi, reflect, mode, &value) && lobe_complete(wo, wi, &value, s);
 }
 
-const lobe_kind_t lobe_rough_dielectric = {.flags = LOBE_REFLECTS | LOBE_TRANSMITS | LOBE_MICROFACETS,
+const lobe_kind_t lobe_rough_dielectric = {.flags = LOBE_REFLECTS | LOBE_TRANSMITS | LOBE_MICROFACETS |
+                                                    LOBE_REFRACTS,
                                            .eval = eval,
                                            .sample = sample,
                                            .regularize = lobe_regularize_alphas};
@@ -130,7 +131,7 @@ const lobe_kind_t lobe_rough_reflection = {.flags = LOBE_REFLECTS | LOBE_MICROFA
                                            .sample = sample,
                                            .regularize = lobe_regularize_alphas};
 /* The same with R black: never reflects. */
-const lobe_kind_t lobe_rough_transmission = {.flags = LOBE_TRANSMITS | LOBE_MICROFACETS,
+const lobe_kind_t lobe_rough_transmission = {.flags = LOBE_TRANSMITS | LOBE_MICROFACETS | LOBE_REFRACTS,
                                              .eval = eval,
                                              .sample = sample,
                                              .regularize = lobe_regularize_alphas};

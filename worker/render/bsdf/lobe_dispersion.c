@@ -215,7 +215,7 @@ static void regularize_smooth(lobe_t *lobe)
     lobe_regularize_alphas(lobe);
 }
 
-enum { BOTH = LOBE_REFLECTS | LOBE_TRANSMITS | LOBE_DISPERSES };
+enum { BOTH = LOBE_REFLECTS | LOBE_TRANSMITS | LOBE_DISPERSES | LOBE_REFRACTS };
 const lobe_kind_t lobe_smooth_dispersion = {
     .flags = BOTH | LOBE_SPECULAR, .sample = sample_smooth, .regularize = regularize_smooth};
 const lobe_kind_t lobe_rough_dispersion = {.flags = BOTH | LOBE_MICROFACETS,

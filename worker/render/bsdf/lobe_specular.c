@@ -115,6 +115,6 @@ const lobe_kind_t lobe_mirror = {
 const lobe_kind_t lobe_smooth_conductor = {
     .flags = LOBE_REFLECTS | LOBE_SPECULAR, .sample = sample_conductor, .regularize = regularize_conductor};
 const lobe_kind_t lobe_smooth_dielectric = {
-    .flags = BOTH, .sample = sample_dielectric, .regularize = regularize_dielectric};
+    .flags = BOTH | LOBE_REFRACTS, .sample = sample_dielectric, .regularize = regularize_dielectric};
 const lobe_kind_t lobe_pane = {.flags = BOTH, .sample = sample_pane};
 const lobe_kind_t lobe_straight = {.flags = LOBE_TRANSMITS | LOBE_SPECULAR, .sample = sample_straight};

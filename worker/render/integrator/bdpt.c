@@ -45,6 +45,7 @@ typedef struct {
     float eta;         /* of merging (subpath.h); 0: there is none */
     float brightness;  /* 1 / that of the picture at the pixel; 0: not known */
     bool teaches;
+    int hits;                          /* of lights, that taught */
     connections_t connections;         /* candidates of one vertex, or of the camera */
     vec2_t rasters[SCENE_PACKET];      /* where those to the camera fall */
     uint32_t dimensions[SCENE_PACKET]; /* of the vertices they come from */
@@ -86,7 +87,7 @@ static void light_connections(half_t *b, int count, uint32_t lost)
 /* What counts of a value for lessons, at a place of the film. Bounded, so that its square is. */
 static inline float lesson_of(const half_t *b, float x, float y, rgb_t value)
 {
-    return float_min(v_max(value) * setup_brightness(b->setup, x, y), 4);
+    return float_min(v_max(value) * setup_brightness(b->setup, x, y), LESSON_MOST);
 }
 
 /* Traces the connections to the camera and takes what arrives as splats. */
@@ -173,6 +174,19 @@ static void join_camera(half_t *b, const vertex_t *y)
     b->dimensions[n] = y->dimension;
 }
 
+/* Notes what was left to an eye subpath that ran into a light (light_guide.h). `value` is what it brought. */
+static void teach_hit(half_t *b, const vertex_t *z, const light_hit_t *hit, rgb_t value)
+{
+    const float most = 64;         /* that it counts as */
+    const float least = 1.0f / 64; /* below which light subpaths never make up for it */
+    float ratio = hit->pdf_place * hit->pdf_ray * sqrtf(z->inner);
+    float excess = square(float_min(v_max(value) * b->brightness, most)) - square(LESSON_MOST);
+    if (!(ratio > least) || !(excess > 0) || b->hits++ >= LESSON_HITS_MOST) return;
+    lesson_note_hit(b->sample, LESSON_EXCESS, excess, LESSON_EXCESS_BITS);
+    lesson_note_hit(b->sample, LESSON_LIGHTS + hit->lesson, excess * hit->start.density / ratio,
+                    GUIDE_LEFT_BITS);
+}
+
 /* s = 0: the eye subpath ran into a light, or into the sky. What is seen directly has no other strategy here:
  * t = 1 starts at s = 2. */
 static void hit_lights(half_t *b, const walk_t *walk, const vertex_t *z)
@@ -187,6 +201,7 @@ static void hit_lights(half_t *b, const walk_t *walk, const vertex_t *z)
         rgb_t value = v_scale(v_mul(z->throughput, hit.radiance), weight);
         add_radiance(b, value, hit.light);
         if (z->depth > 1) b->own = v_add(b->own, value);
+        if (z->depth > 1 && b->teaches && hit.start.density > 0) teach_hit(b, z, &hit, value);
     }
 }
 
@@ -326,6 +341,7 @@ static void begin(half_t *b, sample_t *sample)
     b->setup = sample->setup;
     b->radiance = b->own = vec3(0, 0, 0);
     b->brought = 0;
+    b->hits = 0;
     b->connections.segments = (segments_t){0};
     b->connections.absorbing = 0;
     b->teaches = lesson_due(sample);

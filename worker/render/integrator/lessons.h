@@ -12,15 +12,19 @@
 enum {
     LESSON_BITS = 14,
     LESSON_RAY_BITS = 4,
+    LESSON_EXCESS_BITS = 10,
     LESSON_BLOCKS_SIDE = 64, /* the film is cut into so many squared blocks */
     LESSON_MOST_MASK = 255   /* of setup_t.teaching_mask */
 };
 #define LESSON_NOBODY UINT32_MAX
+/* The most that a contribution counts as. */
+static const float LESSON_MOST = 4;
 
 /* Places. */
 enum {
     LESSON_OWN_SQUARES, /* of what samples have without light subpaths */
     LESSON_OWN_RAYS,    /* that this took */
+    LESSON_EXCESS,      /* of squares of what is beyond LESSON_MOST */
     LESSON_OWN,         /* [block] sums of what is squared above */
     LESSON_LIGHTS = LESSON_OWN + LESSON_BLOCKS_SIDE * LESSON_BLOCKS_SIDE /* the rest: light_guide.h */
 };
@@ -45,25 +49,40 @@ static inline uint32_t lesson_block(const job_settings_t *settings, uint32_t x, 
     return row * LESSON_BLOCKS_SIDE + x * LESSON_BLOCKS_SIDE / (uint32_t)settings->width;
 }
 
-/* So many small contributions a sample may add to one place, beside a large one. */
+/* So many small contributions a sample may add to one place, beside a large one; */
 enum { LESSON_PART_BITS = LEARNING_BITS - 14, LESSON_PARTS_MOST = 1 << 13 };
+/* or so many lights that its eye subpath ran into. */
+enum { LESSON_HIT_BITS = LEARNING_BITS - 4, LESSON_HITS_MOST = 8 };
+
+/* A lesson in units of 2^-bits, less than 2^bound of them. */
+static inline float lesson_units(float lesson, int bits, int bound)
+{
+    const float most = (float)((1 << bound) - 1);
+    float units = lesson * (float)(1 << bits);
+    return units < most ? units : most;
+}
 
 /* Adds to a place, in units of 2^-bits. One contribution that is far brighter than the rest says little, so
  * that what it says is bounded. */
 static inline void lesson_note(const sample_t *sample, uint32_t place, float lesson, int bits)
 {
-    const float most = (float)(1 << (LEARNING_BITS - 1));
-    float units = lesson * (float)(1 << bits);
-    unit_result_teach(sample->result, place, (uint64_t)(units < most ? units + 0.5f : most));
+    float units = lesson_units(lesson, bits, LEARNING_BITS - 1);
+    unit_result_teach(sample->result, place, (uint64_t)(units + 0.5f));
+}
+
+/* The same for one of up to LESSON_HITS_MOST lights. */
+static inline void lesson_note_hit(const sample_t *sample, uint32_t place, float lesson, int bits)
+{
+    float units = lesson_units(lesson, bits, LESSON_HIT_BITS);
+    unit_result_teach(sample->result, place, (uint64_t)(units + 0.5f));
 }
 
 /* The same for one of up to LESSON_PARTS_MOST small ones. They are rounded by chance; u is a uniform number.
  */
 static inline void lesson_note_part(const sample_t *sample, uint32_t place, float lesson, int bits, float u)
 {
-    const float most = (float)((1 << LESSON_PART_BITS) - 1);
-    float units = lesson * (float)(1 << bits);
-    unit_result_teach(sample->result, place, (uint64_t)((units < most ? units : most) + u));
+    float units = lesson_units(lesson, bits, LESSON_PART_BITS);
+    unit_result_teach(sample->result, place, (uint64_t)(units + u));
 }
 
 #endif

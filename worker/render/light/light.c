@@ -158,7 +158,7 @@ static uint32_t find_fineness(const lights_t *lights, uint32_t room)
         for (uint32_t i = 0; i < lights->count; i++) {
             guide_kind_t kind = lights->lights[i].guide_kind;
             if (lights->lights[i].chance > 0)
-                lessons += 2 * light_guide_cells(kind, light_guide_side(kind, fineness));
+                lessons += GUIDE_LESSONS * light_guide_cells(kind, light_guide_side(kind, fineness));
         }
         if (lessons <= room) return fineness;
     }
@@ -174,7 +174,7 @@ void lights_learn(lights_t *lights, uint32_t room)
     for (uint32_t i = 0; i < lights->count; i++) {
         light_t *light = &lights->lights[order[i] - lights->lights];
         light->guide_side = light_guide_side(light->guide_kind, fineness);
-        uint32_t lessons = 2 * light_guide_cells(light->guide_kind, light->guide_side);
+        uint32_t lessons = GUIDE_LESSONS * light_guide_cells(light->guide_kind, light->guide_side);
         light->first_lesson = NO_LESSON;
         if (!(light->chance > 0) || lessons > room - taken) continue;
         light->first_lesson = taken;
@@ -203,7 +203,7 @@ static void choose_by_worth(lights_t *lights, const double *worths, double share
 }
 
 lights_t *lights_guided(const lights_t *base, const double *lessons, double samples, double reach,
-                        double least, float *share)
+                        double left, double least, float *share)
 {
     lights_t *lights = mem_alloc(sizeof *lights);
     *lights = *base;
@@ -215,7 +215,7 @@ lights_t *lights_guided(const lights_t *base, const double *lessons, double samp
         *light = base->lights[i];
         if (light->first_lesson == NO_LESSON) continue;
         light->guide = light_guide_new(light->guide_kind, light->guide_side, lessons + light->first_lesson,
-                                       samples, &worths[i]);
+                                       samples, left, &worths[i]);
         sum += worths[i];
         known += (double)light->chance;
     }
@@ -234,6 +234,12 @@ bool lights_empty(const lights_t *lights)
     return lights->alias.count == 0;
 }
 
+/* The k-th lesson of a start. */
+static uint32_t lesson_at(const light_t *light, const light_start_t *start, uint32_t k)
+{
+    return light->first_lesson + k * light_guide_cells(light->guide_kind, light->guide_side) + start->cell;
+}
+
 bool lights_emit(const lights_t *lights, float choice, vec2_t place, vec2_t ray, light_ray_t *out)
 {
     uint32_t number = alias_sample(lights->worth.count > 0 ? &lights->worth : &lights->alias, &choice);
@@ -241,8 +247,8 @@ bool lights_emit(const lights_t *lights, float choice, vec2_t place, vec2_t ray,
     *out = (light_ray_t){.light = number, .cosine = 1, .view_ratio = light->view_ratio, .start = {0, 1}};
     if (!kinds[light->record->kind]->emit(light, choice, place, ray, out)) return false;
     out->start.density *= light->first_lesson == NO_LESSON ? 0 : light->chance;
-    out->lessons[0] = light->first_lesson + out->start.cell;
-    out->lessons[1] = out->lessons[0] + light_guide_cells(light->guide_kind, light->guide_side);
+    out->lessons[0] = lesson_at(light, &out->start, GUIDE_SQUARES);
+    out->lessons[1] = lesson_at(light, &out->start, GUIDE_COSTS);
     return true;
 }
 
@@ -294,11 +300,26 @@ bool lights_illuminate_first(const lights_t *lights, uint32_t k, vec3_t point, f
     return ask(lights, number, lights_first_times(lights, number), point, choice, place, out);
 }
 
+/* What is known of a hit before its kind of light is asked, */
+static light_hit_t hit_on(const lights_t *lights, uint32_t number)
+{
+    return (light_hit_t){.light = number, .view_ratio = lights->lights[number].view_ratio};
+}
+
+/* and what is to be added after that. */
+static void complete_hit(const light_t *light, light_hit_t *hit)
+{
+    hit->start.density *= light->first_lesson == NO_LESSON ? 0 : light->chance;
+    hit->lesson = lesson_at(light, &hit->start, GUIDE_LEFT);
+}
+
 bool lights_hit(const lights_t *lights, const surface_t *surface, vec3_t wo, light_hit_t *out)
 {
-    out->light = surface->light;
-    out->view_ratio = lights->lights[surface->light].view_ratio;
-    return light_area_hit(&lights->lights[surface->light], surface, wo, out);
+    const light_t *light = &lights->lights[surface->light];
+    *out = hit_on(lights, surface->light);
+    if (!light_area_hit(light, surface, wo, out)) return false;
+    complete_hit(light, out);
+    return true;
 }
 
 uint32_t lights_sky_count(const lights_t *lights)
@@ -309,9 +330,10 @@ uint32_t lights_sky_count(const lights_t *lights)
 bool lights_escape(const lights_t *lights, uint32_t k, vec3_t point, vec3_t w, light_hit_t *out)
 {
     const light_t *light = &lights->lights[lights->sky[k]];
-    out->light = lights->sky[k];
-    out->view_ratio = light->view_ratio;
-    return kinds[light->record->kind]->escape(light, point, w, out);
+    *out = hit_on(lights, lights->sky[k]);
+    if (!kinds[light->record->kind]->escape(light, point, w, out)) return false;
+    complete_hit(light, out);
+    return true;
 }
 
 float lights_enter(const lights_t *lights, uint32_t number, vec3_t point)

@@ -34,11 +34,11 @@ void lights_destroy(lights_t **lights);
 /* Gives the lights places for lessons (light_guide.h), at most `room`; those that have no room have no guide.
  */
 void lights_learn(lights_t *lights, uint32_t room);
-/* The same lights with guides by the lessons of so many samples. Light subpaths start on a light, and from
- * there, as it is worth; *share: how many a sample is to have, from `least` to 1, which densities of starts
- * take account of. It stands on `lights`, which must outlive it. */
+/* The same lights with guides by the lessons of so many samples; `left` as for light_guide_new. Light
+ * subpaths start on a light, and from there, as it is worth; *share: how many a sample is to have, from
+ * `least` to 1, which densities of starts take account of. It stands on `lights`, which must outlive it. */
 lights_t *lights_guided(const lights_t *lights, const double *lessons, double samples, double reach,
-                        double least, float *share);
+                        double left, double least, float *share);
 /* True when there is nothing to sample. */
 bool lights_empty(const lights_t *lights);
 
@@ -81,6 +81,8 @@ typedef struct {
     rgb_t radiance;            /* towards where the subpath came from */
     float pdf_place;           /* with which the other two would have drawn it */
     float pdf_ray, view_ratio; /* as in light_ray_t */
+    light_start_t start;       /* of the light subpath that would have come this way; density 0: not known */
+    uint32_t lesson;           /* the place of what the hit teaches; not where that density is 0 */
 } light_hit_t;
 
 /* Draws a light subpath; false when nothing comes of it. */

@@ -49,27 +49,33 @@ static double smoothed(const double *lessons, int side, int x, int y)
     return sum / weights;
 }
 
+/* The factors that take lessons to what they are for each measure and sample. */
 typedef struct {
-    double squares, costs;
+    double of[GUIDE_LESSONS];
 } scale_t;
 
-/* sqrt(g^2 / c), by lessons for each measure. */
-static double worth_of(double squares, double cost)
+/* sqrt(g^2 / c) of a cell with these lessons. */
+static double worth_of(const double lessons[GUIDE_LESSONS], const scale_t *scale)
 {
+    double squares =
+        scale->of[GUIDE_SQUARES] * lessons[GUIDE_SQUARES] + scale->of[GUIDE_LEFT] * lessons[GUIDE_LEFT];
+    double cost = scale->of[GUIDE_COSTS] * lessons[GUIDE_COSTS];
     return sqrt(squares / fmax(cost, 1)); /* there is a ray at least */
 }
 
-/* The distribution over one grid, and the mean of its weights. `scale`: of lessons to the measure and the
- * sample. */
-static distribution_t *learn_grid(const double *squares, const double *costs, uint32_t side, scale_t scale,
+/* The distribution over one grid, and the mean of its weights. `lessons` are those of its first cell, `cells`
+ * the step from one kind to the next. */
+static distribution_t *learn_grid(const double *lessons, uint32_t cells, uint32_t side, const scale_t *scale,
                                   double *mean)
 {
     float *weights = mem_alloc((size_t)side * side * sizeof *weights);
     *mean = 0;
     for (uint32_t i = 0; i < side * side; i++) {
         int x = (int)(i % side), y = (int)(i / side);
-        double worth = worth_of(scale.squares * smoothed(squares, (int)side, x, y),
-                                scale.costs * smoothed(costs, (int)side, x, y));
+        double of_cell[GUIDE_LESSONS];
+        for (uint32_t k = 0; k < GUIDE_LESSONS; k++)
+            of_cell[k] = smoothed(lessons + (size_t)k * cells, (int)side, x, y);
+        double worth = worth_of(of_cell, scale);
         weights[i] = (float)worth;
         *mean += worth / (side * side);
     }
@@ -88,19 +94,21 @@ static distribution_t *learn_places(const double *worths, double mean)
 }
 
 light_guide_t *light_guide_new(guide_kind_t kind, uint32_t side, const double *lessons, double samples,
-                               double *worth)
+                               double left, double *worth)
 {
     uint32_t cells = light_guide_cells(kind, side), parts = parts_of(kind);
-    double worths[PLACES * PLACES], mean = 0;
-    scale_t scale = {cells / samples / (1 << GUIDE_SQUARE_BITS), cells / samples / (1 << GUIDE_COST_BITS)};
+    double worths[PLACES * PLACES], per_sample = cells / samples, mean = 0;
+    scale_t scale = {{[GUIDE_SQUARES] = per_sample / (1 << GUIDE_SQUARE_BITS),
+                      [GUIDE_COSTS] = per_sample / (1 << GUIDE_COST_BITS),
+                      [GUIDE_LEFT] = left * per_sample / (1 << GUIDE_LEFT_BITS)}};
     if (kind == GUIDE_NOTHING) {
-        *worth = worth_of(scale.squares * lessons[0], scale.costs * lessons[1]);
+        *worth = worth_of(lessons, &scale);
         return NULL;
     }
     light_guide_t *guide = mem_zalloc(1, sizeof *guide);
     for (uint32_t part = 0; part < parts; part++) {
-        const double *squares = lessons + (size_t)part * side * side;
-        guide->rays[part] = learn_grid(squares, squares + cells, side, scale, &worths[part]);
+        const double *first = lessons + (size_t)part * side * side;
+        guide->rays[part] = learn_grid(first, cells, side, &scale, &worths[part]);
         mean += worths[part] / parts;
     }
     *worth = mean;

@@ -2,16 +2,24 @@
  *
  * The starts of a light are cut into cells. Let q be the density of starts: how many light subpaths a sample
  * of the picture has, measured such that all starts of a light measure 1; v what a subpath brings to the
- * picture, in terms of how bright that is there; and c what it costs. A cell has two lessons, the sums of v^2
- * q and of c / q over the subpaths that began in it. Whatever q was, these are estimates of the integrals
- * over the cell, times the samples, of g^2, g = v q being what a start is worth, and of c. With b the noise
- * and c_b the cost of all that needs no light subpath, a sample has the noise b + sum g^2 / q at the cost c_b
+ * picture, in terms of how bright that is there; and c what it costs. A cell has the sums of v^2 q and of
+ * c / q over the subpaths that began in it (GUIDE_SQUARES, GUIDE_COSTS). Whatever q was, these are estimates
+ * of the integrals over the cell, times the samples, of g^2, g = v q being what a start is worth, and of c.
+ * With b the noise and c_b the cost of all that needs no light subpath, a sample has the noise b + sum g^2 /
+ * q at the cost c_b
  * + sum q c. The product is least for q = reach sqrt(g^2 / c), reach = sqrt(c_b / b) (as in Rath et al. 2022,
  * "EARS: Efficiency-Aware Russian Roulette and Splitting", for whole paths).
  *
  * Lights that have a place in the world are cut by the directions of their rays, over the square of the plain
  * octahedral map. Those at infinity are cut by the numbers that draw their direction, and for each part by
  * where the ray crosses a square about the scene.
+ *
+ * That alone would keep what it once was: where few light subpaths start, eye subpaths that run into the
+ * light have nearly all the weight, so that what light subpaths bring there looks small, however noisy it is
+ * what eye subpaths bring. So these teach, too (GUIDE_LEFT). One that ran into the light and brought w could
+ * have been made by a light subpath, too, from a start of the density q, whose strategies together make it r
+ * times as densely (r^2 is their share in its weight). Left to them alone the noise would be w^2 / r; so w^2
+ * q / r is an estimate of g^2.
  *
  * All densities are mixed with what would be drawn without a guide, so that what was never seen is found,
  * too, and nothing weighs more than a bound.
@@ -28,18 +36,20 @@ typedef struct light_guide light_guide_t;
 /* What of a light is cut; of parallel rays where they go, of a sky the directions, too. */
 typedef enum { GUIDE_NOTHING, GUIDE_DIRECTIONS, GUIDE_PARALLEL, GUIDE_SKY } guide_kind_t;
 
-/* Lessons are in units of 2^-bits. */
-enum { GUIDE_SQUARE_BITS = 14, GUIDE_COST_BITS = 4 };
+/* The lessons of a cell, which are in units of 2^-bits. */
+enum { GUIDE_SQUARES, GUIDE_COSTS, GUIDE_LEFT, GUIDE_LESSONS };
+enum { GUIDE_SQUARE_BITS = 14, GUIDE_COST_BITS = 4, GUIDE_LEFT_BITS = 4 };
 
 /* Cells a side of its grids, where there is room for that: of a fineness from 0 to LIGHT_GUIDE_FINEST. */
 enum { LIGHT_GUIDE_FINEST = 2 };
 uint32_t light_guide_side(guide_kind_t kind, uint32_t fineness);
 /* Cells of a light of this kind, cut into so many a side. */
 uint32_t light_guide_cells(guide_kind_t kind, uint32_t side);
-/* A guide from its lessons, [2][cells], of so many samples. *worth: the integral of sqrt(g^2 / c) over all
- * starts. NULL where the kind has none, or nothing was learned. */
+/* A guide from its lessons, [GUIDE_LESSONS][cells], of so many samples; `left`: how much GUIDE_LEFT counts.
+ * *worth: the integral of sqrt(g^2 / c) over all starts. NULL where the kind has none, or nothing was
+ * learned. */
 light_guide_t *light_guide_new(guide_kind_t kind, uint32_t side, const double *lessons, double samples,
-                               double *worth);
+                               double left, double *worth);
 /* Frees the guide and sets *guide to NULL. */
 void light_guide_destroy(light_guide_t **guide);
 

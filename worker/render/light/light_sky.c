@@ -317,6 +317,11 @@ static bool infinite_escape(const light_t *light, vec3_t point, vec3_t w, light_
     out->pdf_place *= density;
     out->view_ratio /= density;
     out->pdf_ray = ray_pdf(light, w, place, point);
+    if (light->guide_side > 0) {
+        vec2_t at = square_at(light, w, point);
+        density *= out->pdf_ray * (float)square_area(light);
+        out->start = light_guide_square_start(light->guide_kind, light->guide_side, place, at, density);
+    }
     return !v_is_zero(out->radiance);
 }
 

@@ -196,6 +196,14 @@ static double find_reach(const double *lessons, const taught_t *taught)
     return sqrt(cost / own_noise(lessons, taught));
 }
 
+/* The part of all noise that is of eye subpaths which bring a lot at once, from lights where light subpaths
+ * should start (light_guide.h). Where it is small they may stay as they are. */
+static double left_noise(const double *lessons, const taught_t *taught)
+{
+    double excess = lessons[LESSON_EXCESS] / (1 << LESSON_EXCESS_BITS) / taught->all;
+    return excess / (excess + own_noise(lessons, taught));
+}
+
 /* ---- the plan ------------------------------------------------------------------------------------------ */
 
 /* The lessons of a plan, in fresh memory. */
@@ -214,8 +222,8 @@ plan_t *plan_new(const setup_t *setup, const learning_plan_t *learned)
     plan_t *plan = mem_zalloc(1, sizeof *plan);
     plan->setup = *setup;
     double reach = find_reach(lessons, taught);
-    plan->lights = lights_guided(setup->lights, lessons + LESSON_LIGHTS, taught->all, reach, LEAST_SHARE,
-                                 &plan->setup.light_share);
+    plan->lights = lights_guided(setup->lights, lessons + LESSON_LIGHTS, taught->all, reach,
+                                 left_noise(lessons, taught), LEAST_SHARE, &plan->setup.light_share);
     plan->setup.lights = plan->lights;
     plan->setup.noise = (float)sqrt(own_noise(lessons, taught));
     plan->setup.teaching_mask = teaching_mask(&setup->settings, learned->pass);
