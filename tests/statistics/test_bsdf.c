@@ -444,6 +444,8 @@ static void refraction_scales_radiance(void **state)
         assert_true(bsdf_sample(&bsdf, wo, (vec2_t){0, 0}, 0.999f, TRANSPORT_RADIANCE, &radiance));
         assert_true(bsdf_sample(&bsdf, wo, (vec2_t){0, 0}, 0.999f, TRANSPORT_IMPORTANCE, &importance));
         assert_float_equal(radiance.weight.x, factor * importance.weight.x, 1e-5f);
+        assert_float_equal(radiance.squeeze, factor, 1e-5f);
+        assert_float_equal(importance.squeeze, 1, 0);
         assert_float_equal(fabsf(radiance.wi.x), side == 0 ? 0.4f : 0.9f, 1e-5f); /* Snell */
         assert_true(radiance.wi.z * wo.z < 0);
         assert_true(radiance.wi.x * wo.x < 0);
