@@ -14,7 +14,7 @@ static const light_ops_t *const kinds[] = {LIGHT_KINDS(TABLE_ENTRY)};
  * lights that are chosen. */
 enum { PLACES = 4 };
 /* Where there is a sky: more would cost more than they bring (docs/performance.md). */
-enum { PLACES_WITH_SKY = 2 };
+enum { PLACES_WITH_SKY = 3 };
 /* Of a light without lessons. */
 static const uint32_t NO_LESSON = UINT32_MAX;
 /* Of a place whose light is to be chosen. */
