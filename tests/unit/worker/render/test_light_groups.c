@@ -115,7 +115,7 @@ static void check_integrator(const test_scene_t *scene, integrator_t integrator)
     film_t *grouped = render_here(&scene->blob, &settings);
     expect_same_picture(plain, grouped);
     /* A sample of vcm is a sum of hundreds of photons. */
-    expect_whole(grouped, SUM_EYE, SUM_GROUP_EYE, integrator == INTEGRATOR_VCM ? 1e-5 : 1e-6);
+    expect_whole(grouped, SUM_EYE, SUM_GROUP_EYE, integrator == INTEGRATOR_VCM ? 1e-5 : 4e-6);
     assert_int_equal(grouped->sums[SUM_GROUP_SPLAT] != NULL, integrator != INTEGRATOR_PATH);
     if (integrator != INTEGRATOR_PATH) expect_whole(grouped, SUM_SPLAT, SUM_GROUP_SPLAT, 0);
     film_destroy(&plain);
