@@ -181,11 +181,11 @@ static bool weigh_sample(const bsdf_t *bsdf, const lobe_t *lobe, vec3_t wo, bool
 }
 
 /* (index near / index far)^2 where radiance passes the interface of a lobe; else 1. */
-static float squeeze_of(const lobe_t *lobe, bool outside, bool reflect, transport_t mode)
+static float squeeze_of(const lobe_t *lobe, vec3_t wo, bool reflect, transport_t mode)
 {
     if (reflect || mode != TRANSPORT_RADIANCE || !(lobe->kind->flags & LOBE_REFRACTS)) return 1;
-    float ior = lobe->dielectric.ior;
-    return outside ? 1 / (ior * ior) : ior * ior;
+    float eta = lobe_relative_index(lobe, wo);
+    return 1 / (eta * eta);
 }
 
 bool bsdf_sample(const bsdf_t *bsdf, vec3_t wo, vec2_t u, float choice, transport_t mode,
@@ -196,7 +196,7 @@ bool bsdf_sample(const bsdf_t *bsdf, vec3_t wo, vec2_t u, float choice, transpor
     const lobe_t *lobe = bsdf->count == 1 ? &bsdf->lobes[0] : choose_lobe(bsdf, &choice);
     if (!lobe->kind->sample(lobe, local, u, choice, mode, sample)) return false;
     bool reflect = sample->wi.z * local.z > 0;
-    sample->squeeze = squeeze_of(lobe, local.z > 0, reflect, mode);
+    sample->squeeze = squeeze_of(lobe, local, reflect, mode);
     if (bsdf->count == 1)
         sample->weight = v_mul(lobe->scale, sample->weight);
     else if (!weigh_sample(bsdf, lobe, local, reflect, mode, sample))

@@ -35,8 +35,7 @@ typedef struct {
     rgb_t weight;  /* f |cos| / pdf, Dirac lobes likewise */
     float pdf;     /* of wi given wo: per steradian, or a probability when specular */
     float pdf_rev; /* of wo given wi */
-    float
-        squeeze; /* the part of the weight that is radiance which gets denser, or thinner, at an interface */
+    float squeeze; /* what of the weight is radiance that gets denser at an interface, or thinner; else 1 */
     bool specular;
 } bsdf_sample_t;
 

@@ -50,6 +50,12 @@ bool lobe_sample_cosine(vec3_t wo, vec2_t u, bool same_side, bsdf_sample_t *samp
 /* Sets the densities of this, where `allowed`: the pair lies on the sides that are drawn. */
 void lobe_cosine_densities(vec3_t wo, vec3_t wi, bool allowed, bsdf_value_t *value);
 
+/* The index of the far side of an interface over that of the near side, as seen from w. */
+static inline float lobe_relative_index(const lobe_t *lobe, vec3_t w)
+{
+    return w.z > 0 ? lobe->dielectric.ior : 1 / lobe->dielectric.ior;
+}
+
 /* An index of refraction within sensible limits; 0 counts as 1, no interface. */
 static inline float lobe_sane_ior(float ior)
 {

@@ -6,12 +6,6 @@
 #include "worker/render/bsdf/film.h"
 #include "worker/render/bsdf/microfacet.h"
 
-/* Index of the far side over that of the near side, as seen from w. */
-static float relative_index(const lobe_t *lobe, vec3_t w)
-{
-    return w.z > 0 ? lobe->dielectric.ior : 1 / lobe->dielectric.ior;
-}
-
 static float shadowing(const lobe_t *lobe, float lambda_o, float lambda_i)
 {
     return lobe->dielectric.separable ? microfacet_separable(lambda_o, lambda_i)
@@ -86,7 +80,7 @@ static bool eval_pair(const lobe_t *lobe, float eta, vec3_t up, vec3_t wi, bool 
 static bool eval(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,
                  bsdf_value_t *value)
 {
-    float eta = relative_index(lobe, wo);
+    float eta = lobe_relative_index(lobe, wo);
     microfacet_upright(&wo, &wi);
     return eval_pair(lobe, eta, wo, wi, reflect, mode, value);
 }
@@ -112,7 +106,7 @@ static bool draw(const lobe_t *lobe, float eta, vec3_t w, vec2_t u, float choice
 
 static bool sample(const lobe_t *lobe, vec3_t wo, vec2_t u, float choice, transport_t mode, bsdf_sample_t *s)
 {
-    float eta = relative_index(lobe, wo);
+    float eta = lobe_relative_index(lobe, wo);
     vec3_t up = wo.z > 0 ? wo : v_neg(wo), wi;
     bool reflect;
     bsdf_value_t value;

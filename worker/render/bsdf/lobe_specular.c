@@ -52,7 +52,7 @@ static bool sample_dielectric(const lobe_t *lobe, vec3_t wo, vec2_t u, float cho
 {
     (void)u;
     rgb_t r = lobe->dielectric.r, t = lobe->dielectric.t;
-    float eta = wo.z > 0 ? lobe->dielectric.ior : 1 / lobe->dielectric.ior, cos_t;
+    float eta = lobe_relative_index(lobe, wo), cos_t;
     float f = fresnel_dielectric(fabsf(wo.z), eta, &cos_t), chance;
     film_on_interface(&lobe->dielectric, wo.z > 0 ? wo.z : cos_t, f, &r, &t);
     if (!lobe_reflect_chance(f, r, t, &chance)) return false;

@@ -200,8 +200,9 @@ static void hit_lights(half_t *b, const walk_t *walk, const vertex_t *z)
         float weight = weight_of(b, share);
         rgb_t value = v_scale(v_mul(z->throughput, hit.radiance), weight);
         add_radiance(b, value, hit.light);
-        if (z->depth > 1) b->own = v_add(b->own, value);
-        if (z->depth > 1 && b->teaches && hit.start.density > 0) teach_hit(b, z, &hit, value);
+        if (z->depth == 1) continue;
+        b->own = v_add(b->own, value);
+        if (b->teaches && hit.start.density > 0) teach_hit(b, z, &hit, value);
     }
 }
 

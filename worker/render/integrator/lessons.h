@@ -2,7 +2,7 @@
  * what a sample notes. What becomes of them is plan.c's business.
  *
  * All are about the picture in terms of how bright it is there, so that dark parts count as much as bright
- * ones; in units of 2^-LESSON_BITS, rays of 2^-LESSON_RAY_BITS.
+ * ones; in units of 2^-LESSON_BITS, rays and excess in their own.
  */
 #ifndef LIGHTMILL_LESSONS_H
 #define LIGHTMILL_LESSONS_H
@@ -54,35 +54,33 @@ enum { LESSON_PART_BITS = LEARNING_BITS - 14, LESSON_PARTS_MOST = 1 << 13 };
 /* or so many lights that its eye subpath ran into. */
 enum { LESSON_HIT_BITS = LEARNING_BITS - 4, LESSON_HITS_MOST = 8 };
 
-/* A lesson in units of 2^-bits, less than 2^bound of them. */
-static inline float lesson_units(float lesson, int bits, int bound)
+/* Adds to a place so many units of 2^-bits, less than 2^bound, rounded by u: 0.5, or by chance. */
+static inline void lesson_add(const sample_t *sample, uint32_t place, float lesson, int bits, int bound,
+                              float u)
 {
     const float most = (float)((1 << bound) - 1);
     float units = lesson * (float)(1 << bits);
-    return units < most ? units : most;
+    unit_result_teach(sample->result, place, (uint64_t)((units < most ? units : most) + u));
 }
 
 /* Adds to a place, in units of 2^-bits. One contribution that is far brighter than the rest says little, so
  * that what it says is bounded. */
 static inline void lesson_note(const sample_t *sample, uint32_t place, float lesson, int bits)
 {
-    float units = lesson_units(lesson, bits, LEARNING_BITS - 1);
-    unit_result_teach(sample->result, place, (uint64_t)(units + 0.5f));
+    lesson_add(sample, place, lesson, bits, LEARNING_BITS - 1, 0.5f);
 }
 
 /* The same for one of up to LESSON_HITS_MOST lights. */
 static inline void lesson_note_hit(const sample_t *sample, uint32_t place, float lesson, int bits)
 {
-    float units = lesson_units(lesson, bits, LESSON_HIT_BITS);
-    unit_result_teach(sample->result, place, (uint64_t)(units + 0.5f));
+    lesson_add(sample, place, lesson, bits, LESSON_HIT_BITS, 0.5f);
 }
 
 /* The same for one of up to LESSON_PARTS_MOST small ones. They are rounded by chance; u is a uniform number.
  */
 static inline void lesson_note_part(const sample_t *sample, uint32_t place, float lesson, int bits, float u)
 {
-    float units = lesson_units(lesson, bits, LESSON_PART_BITS);
-    unit_result_teach(sample->result, place, (uint64_t)(units + u));
+    lesson_add(sample, place, lesson, bits, LESSON_PART_BITS, u);
 }
 
 #endif

@@ -46,10 +46,9 @@ bool walk_scatter(walk_t *walk, const sample_t *sample, const vertex_t *vertex)
     walk->throughput = v_mul(vertex->throughput, next.weight);
     if (walk->mode == TRANSPORT_IMPORTANCE)
         walk->throughput = v_scale(walk->throughput, vertex_adjoint(vertex, next.wi));
-    walk->squeeze *= next.squeeze;
+    walk->reference *= next.squeeze;
     if (walk->depth >= walk->roulette.from) {
-        float standing = v_max(walk->throughput) / (walk->squeeze * walk->reference);
-        float survive = float_min(walk->roulette.most, standing);
+        float survive = float_min(walk->roulette.most, v_max(walk->throughput) / walk->reference);
         if (!(choices.y < survive)) return false;
         walk->throughput = v_scale(walk->throughput, 1 / survive);
     }

@@ -56,8 +56,8 @@ static inline float square(float x)
 }
 
 /* Russian roulette: from which scattering on, and the largest chance to survive one. A subpath's throughput
- * is compared with what it started from; but not for what it has of radiance that gets denser in glass or
- * water, which it loses again before it meets a light. */
+ * is compared with what it started from, as that would be where it is: radiance gets denser in glass or
+ * water, and thinner again before the subpath meets a light. */
 typedef struct {
     int from;
     float most;
@@ -74,7 +74,6 @@ typedef struct {
     vec3_t point;             /* vertex i - 1 */
     float cosine;             /* |direction . geometric normal| there; 1 where there is none */
     rgb_t throughput;
-    float squeeze;       /* the part of it that the roulette does not see (bsdf_sample_t) */
     medium_t medium;     /* along the ray */
     float pdf;           /* of the ray: per steradian, of parallel rays per area across */
     float pdf_rev;       /* of the way back at vertex i - 1: q_{i-1} */
@@ -126,7 +125,6 @@ static inline walk_t walk_from_camera(sample_t *sample, roulette_t roulette)
                     .point = ray.origin,
                     .cosine = 1,
                     .throughput = vec3(1, 1, 1),
-                    .squeeze = 1,
                     .pdf = ray.pdf,
                     .view_ratio = 1,
                     .joinable = ray.joinable,
@@ -151,7 +149,6 @@ static inline bool walk_from_light(const sample_t *sample, roulette_t roulette, 
                      .point = ray->point,
                      .cosine = ray->cosine,
                      .throughput = ray->throughput,
-                     .squeeze = 1,
                      .pdf = ray->pdf_ray,
                      .direct = ray->delta ? 0 : 1 / square(ray->pdf_place),
                      .light = ray->light,

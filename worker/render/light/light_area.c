@@ -311,7 +311,7 @@ bool light_area_hit(const light_t *light, const surface_t *surface, vec3_t wo, l
     if (cosine <= 0 && !is_two_sided(light)) return false;
     out->radiance = radiance_at(light, surface, true);
     out->pdf_ray = ray_pdf(light, wo, cosine);
-    if (light->guide_side > 0) out->start = light_guide_direction_start(light->guide_side, wo, out->pdf_ray);
+    out->start = light_guide_direction_start(light->guide_side, wo, out->pdf_ray);
     const quadric_t *quadric = state_of(light)->quadric;
     if (quadric == NULL) {
         out->pdf_place = mesh_density(light);

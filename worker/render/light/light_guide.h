@@ -6,9 +6,8 @@
  * c / q over the subpaths that began in it (GUIDE_SQUARES, GUIDE_COSTS). Whatever q was, these are estimates
  * of the integrals over the cell, times the samples, of g^2, g = v q being what a start is worth, and of c.
  * With b the noise and c_b the cost of all that needs no light subpath, a sample has the noise b + sum g^2 /
- * q at the cost c_b
- * + sum q c. The product is least for q = reach sqrt(g^2 / c), reach = sqrt(c_b / b) (as in Rath et al. 2022,
- * "EARS: Efficiency-Aware Russian Roulette and Splitting", for whole paths).
+ * q at the cost c_b + sum q c. The product is least for q = reach sqrt(g^2 / c), reach = sqrt(c_b / b) (as in
+ * Rath et al. 2022, "EARS: Efficiency-Aware Russian Roulette and Splitting", for whole paths).
  *
  * Lights that have a place in the world are cut by the directions of their rays, over the square of the plain
  * octahedral map. Those at infinity are cut by the numbers that draw their direction, and for each part by

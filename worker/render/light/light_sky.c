@@ -85,12 +85,12 @@ static float plain_ray_pdf(const light_t *light, vec3_t w)
     return 1 / (seen.x + seen.y + seen.z);
 }
 
-/* and with one through the point, where such numbers draw the direction. */
-static float ray_pdf(const light_t *light, vec3_t w, vec2_t place, vec3_t point)
+/* and with one where it crosses the square, if such numbers draw the direction. */
+static float ray_pdf(const light_t *light, vec3_t w, vec2_t place, vec2_t at)
 {
     float plain = plain_ray_pdf(light, w), area = (float)square_area(light);
     if (light->guide == NULL) return plain;
-    return light_guide_square_pdf(light->guide, place, plain * area, square_at(light, w, point)) / area;
+    return light_guide_square_pdf(light->guide, place, plain * area, at) / area;
 }
 
 /* A point on one of the three faces of the box that w sees. */
@@ -107,6 +107,14 @@ static vec3_t box_point(const light_t *light, vec3_t w, vec2_t u)
     return v_add(light->centre, at);
 }
 
+/* The start of a ray that crosses the square there, with such a density of the numbers and of the ray. */
+static light_start_t start_of(const light_t *light, vec2_t place, float place_density, vec2_t at,
+                              float ray_density)
+{
+    float density = place_density * ray_density * (float)square_area(light);
+    return light_guide_square_start(light->guide_kind, light->guide_side, place, at, density);
+}
+
 /* A ray from the sky's direction w, which was drawn by the numbers `place` with such a density. */
 static void start_ray(const light_t *light, vec3_t w, vec2_t place, float place_density, vec2_t u,
                       light_ray_t *out)
@@ -119,9 +127,8 @@ static void start_ray(const light_t *light, vec3_t w, vec2_t place, float place_
         at = square_at(light, w, out->origin);
     }
     out->direction = v_neg(w);
-    out->pdf_ray = ray_pdf(light, w, place, out->origin);
-    float density = place_density * out->pdf_ray * (float)square_area(light);
-    out->start = light_guide_square_start(light->guide_kind, light->guide_side, place, at, density);
+    out->pdf_ray = ray_pdf(light, w, place, at);
+    out->start = start_of(light, place, place_density, at, out->pdf_ray);
     out->at_infinity = true;
 }
 
@@ -131,7 +138,7 @@ static void look_at(const light_t *light, vec3_t point, vec3_t w, vec2_t place, 
     out->w = w;
     out->target = v_mad(point, v_length(v_sub(point, light->centre)) + 2 * light->radius, w);
     out->geometry = 1;
-    out->arrival = ray_pdf(light, w, place, point);
+    out->arrival = ray_pdf(light, w, place, square_at(light, w, point));
     out->plain_arrival = plain_ray_pdf(light, w);
     out->at_infinity = true;
 }
@@ -316,12 +323,9 @@ static bool infinite_escape(const light_t *light, vec3_t point, vec3_t w, light_
     float density = light_guide_place_pdf(light->guide, place);
     out->pdf_place *= density;
     out->view_ratio /= density;
-    out->pdf_ray = ray_pdf(light, w, place, point);
-    if (light->guide_side > 0) {
-        vec2_t at = square_at(light, w, point);
-        density *= out->pdf_ray * (float)square_area(light);
-        out->start = light_guide_square_start(light->guide_kind, light->guide_side, place, at, density);
-    }
+    vec2_t at = square_at(light, w, point);
+    out->pdf_ray = ray_pdf(light, w, place, at);
+    out->start = start_of(light, place, density, at, out->pdf_ray);
     return !v_is_zero(out->radiance);
 }
 
