@@ -21,6 +21,7 @@ typedef struct {
     double radius;
     int max_depth, side; /* 0: the scene's */
     uint64_t seed;
+    bool learn;
 } wish_t;
 
 static film_t *render_film(const char *path, const wish_t *wish)
@@ -36,7 +37,7 @@ static film_t *render_film(const char *path, const wish_t *wish)
     settings.spp = wish->spp;
     settings.merge_radius = wish->radius;
     settings.seed = 5 + wish->seed;
-    settings.learn = false;
+    settings.learn = wish->learn;
     settings.features = false;
     if (wish->max_depth > 0) settings.max_depth = wish->max_depth;
     if (wish->side > 0) settings.width = settings.height = wish->side;
@@ -241,6 +242,36 @@ static void a_small_lamp_is_seen_through_water(void **state)
     free(text);
 }
 
+/* bdpt, once it knows where to look for the lamp (caustics.h): right, and with a fraction of the noise. */
+static void bdpt_seeks_what_it_cannot_join(void **state)
+{
+    (void)state;
+    char *text = pool_with_lamp(0.8), *small = pool_with_lamp(0.05);
+    wish_t force = {.integrator = INTEGRATOR_PATH, .spp = 4096, .side = 48},
+           seeking = {.integrator = INTEGRATOR_BDPT, .spp = 512, .side = 48, .learn = true},
+           much = {.integrator = INTEGRATOR_VCM, .spp = 1024, .side = 32, .seed = 1},
+           blind = {.integrator = INTEGRATOR_BDPT, .spp = 256, .side = 32}, seen = blind;
+    seen.learn = true;
+    estimate_image_t truth = render_text(text, &force), image = render_text(text, &seeking);
+    agreement_t agreement;
+    agreement_measure(&image, &truth, &agreement);
+    print_message(
+        "pool, large lamp, bdpt: relMSE %.6f (floor %.6f), mean ratio %.4f %.4f %.4f, z rms %.2f max %.2f\n",
+        agreement.relmse, agreement.relmse_floor, agreement.mean_ratio[0], agreement.mean_ratio[1],
+        agreement.mean_ratio[2], agreement.rms_z, agreement.max_z);
+    assert_true(agreement.rms_z < 1.25 && agreement.max_z < 5);
+    estimate_image_t merged = render_text(small, &much), dark = render_text(small, &blind),
+                     lit = render_text(small, &seen);
+    double of_blind = reference_error(&dark, &merged), of_seen = reference_error(&lit, &merged);
+    print_message("pool, small lamp: error %.4f of bdpt, %.4f of bdpt that learns\n", of_blind, of_seen);
+    assert_true(of_seen < 0.2 * of_blind);
+    agreement_free(&agreement);
+    estimate_image_t *images[] = {&truth, &image, &merged, &dark, &lit};
+    for (size_t i = 0; i < ARRAY_LENGTH(images); i++) estimate_image_free(images[i]);
+    free(text);
+    free(small);
+}
+
 int main(int argc, char **argv)
 {
     if (argc > 1) cmocka_set_test_filter(argv[1]); /* one test alone */
@@ -251,6 +282,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(the_error_falls_with_samples),
         cmocka_unit_test(a_pool_agrees_with_brute_force),
         cmocka_unit_test(a_small_lamp_is_seen_through_water),
+        cmocka_unit_test(bdpt_seeks_what_it_cannot_join),
     };
     int failed = cmocka_run_group_tests(tests, NULL, NULL);
     scratch_destroy(&folder);

@@ -14,6 +14,7 @@ struct renderer {
     setup_t setup;
     scene_t *scene;
     lights_t *lights;
+    caustics_t *caustics; /* of a job that learns; may be NULL */
     camera_t *camera;
     uint8_t *light_groups; /* of each light; NULL: none */
     const integrator_ops_t *integrator;
@@ -80,7 +81,8 @@ result_t renderer_new(const scene_blob_t *blob, const job_settings_t *settings, 
     setup->light_share = 1;
     setup->teaching_mask = LESSON_NOBODY;
     if (job_learns(settings))
-        plan_prepare(setup, renderer->lights, renderer->integrator, renderer->inverse_brightness);
+        renderer->caustics =
+            plan_prepare(setup, renderer->lights, renderer->integrator, renderer->inverse_brightness);
     if (renderer->integrator->merges) renderer->photons = photons_new(setup);
     *result = renderer;
     return result_ok();
@@ -120,6 +122,7 @@ void renderer_destroy(renderer_t **renderer)
     }
     photons_destroy(&self->photons);
     lights_destroy(&self->lights);
+    caustics_destroy(&self->caustics);
     free(self->camera);
     free(self->light_groups);
     scene_destroy(&self->scene);

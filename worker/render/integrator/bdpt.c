@@ -27,6 +27,7 @@
 
 /* Sooner adds more noise than it saves time. */
 static const roulette_t roulette = {.from = 3, .most = 1};
+static const roulette_t no_roulette = {.from = JOB_MAX_DEPTH + 2, .most = 1};
 
 /* Connections that bring less than this part of a sample's noise are left to Russian roulette. */
 static const float FAINT = 0.2f;
@@ -38,14 +39,15 @@ static_assert((JOB_MAX_DEPTH + 1) * LIGHT_CHOICES_MOST < LESSON_PARTS_MOST, "les
 typedef struct {
     sample_t *sample;
     const setup_t *setup;
-    rgb_t radiance;    /* of the eye subpath, so far */
-    rgb_t own;         /* what of it is not a light seen directly, for lessons */
-    float brought;     /* by the light subpath to the film: squares of what counts for lessons */
-    light_path_t path; /* the light subpath */
-    float eta;         /* of merging (subpath.h); 0: there is none */
-    float brightness;  /* 1 / that of the picture at the pixel; 0: not known */
+    rgb_t radiance;         /* of the eye subpath, so far */
+    rgb_t own;              /* what of it is not a light seen directly, for lessons */
+    float brought;          /* by the light subpath to the film: squares of what counts for lessons */
+    light_path_t path;      /* the light subpath, */
+    const light_ray_t *ray; /* and the ray that it started with */
+    float eta;              /* of merging (subpath.h); 0: there is none */
+    float brightness;       /* 1 / that of the picture at the pixel; 0: not known */
     bool teaches;
-    int hits;                          /* of lights, that taught */
+    int hits, met;                     /* lights that were run into, and caustics, which taught */
     connections_t connections;         /* candidates of one vertex, or of the camera */
     vec2_t rasters[SCENE_PACKET];      /* where those to the camera fall */
     uint32_t dimensions[SCENE_PACKET]; /* of the vertices they come from */
@@ -187,21 +189,32 @@ static void teach_hit(half_t *b, const vertex_t *z, const light_hit_t *hit, rgb_
                     GUIDE_LEFT_BITS);
 }
 
+/* Notes what came from a light that was met by way of specular vertices, from a region of caustics. */
+static void teach_caustic(half_t *b, uint32_t region, rgb_t value)
+{
+    if (b->met++ < LESSON_HITS_MOST)
+        lesson_note_hit(b->sample, caustics_hit_place(b->setup->caustics, region),
+                        v_max(value) * b->brightness, CAUSTICS_HIT_BITS);
+}
+
 /* s = 0: the eye subpath ran into a light, or into the sky. What is seen directly has no other strategy here:
  * t = 1 starts at s = 2. */
 static void hit_lights(half_t *b, const walk_t *walk, const vertex_t *z)
 {
     if (!is_wanted(b, 0, z->depth + 1)) return;
+    bool caustic = walk->seeks != CAUSTICS_NOWHERE && !walk->joinable;
     for (uint32_t k = 0; k < vertex_light_count(z, b->setup->lights); k++) {
         light_hit_t hit;
         if (!vertex_light_hit(z, b->setup->lights, k, &hit)) continue;
         float count = hit.view_ratio * light_count(b->setup, hit.light, walk->first);
         float share = z->depth == 1 ? 0 : mis_share_counted(z, hit.pdf_place, hit.pdf_ray, count);
         float weight = weight_of(b, share);
+        if (caustic) weight *= walk->left;
         rgb_t value = v_scale(v_mul(z->throughput, hit.radiance), weight);
         add_radiance(b, value, hit.light);
         if (z->depth == 1) continue;
         b->own = v_add(b->own, value);
+        if (b->teaches && caustic) teach_caustic(b, walk->seeks, value);
         if (b->teaches && hit.start.density > 0) teach_hit(b, z, &hit, value);
     }
 }
@@ -342,12 +355,32 @@ static void begin(half_t *b, sample_t *sample)
     b->setup = sample->setup;
     b->radiance = b->own = vec3(0, 0, 0);
     b->brought = 0;
-    b->hits = 0;
+    b->hits = b->met = 0;
     b->connections.segments = (segments_t){0};
     b->connections.absorbing = 0;
     b->teaches = lesson_due(sample);
     b->brightness = setup_brightness(sample->setup, (float)sample->pixel_x, (float)sample->pixel_y);
     b->eta = sample->photons != NULL ? sample->photons->eta : 0;
+}
+
+/* Tells that light came to a vertex by way of specular ones alone. */
+static void meet_caustic(half_t *b, const vertex_t *y)
+{
+    const light_ray_t *ray = b->ray;
+    const caustics_t *caustics = b->setup->caustics;
+    caustics_scout_t *scout = b->sample->scout;
+    if (ray->delta || (scout == NULL && !b->teaches)) return;
+    caustics_meeting_t met = {
+        .point = vertex_point(y), .w = y->wo, .power = v_max(y->throughput) / lights_flux(b->setup->lights)};
+    if (scout != NULL) {
+        if (!ray->at_infinity) met.nearness = 1 / v_length(v_sub(ray->point, met.point));
+        caustics_scout_meeting(scout, &met);
+    } else if (caustics != NULL && b->met++ < LESSON_HITS_MOST) {
+        uint32_t region = caustics_region(caustics, met.point);
+        if (region != CAUSTICS_NOWHERE)
+            lesson_note_hit(b->sample, caustics_light_place(caustics, region, met.point, met.w), met.power,
+                            CAUSTICS_LIGHT_BITS);
+    }
 }
 
 /* Traces the light subpath into the pool; specular vertices are passed through. */
@@ -361,6 +394,7 @@ static void trace_light_subpath(half_t *b, walk_t *walk, bool splats)
         if (b->eta > 0) walk_weigh_merging(walk, &y, b->eta);
         if (vertex_is_joinable(&y)) {
             light_pool_add(b->sample->pool, &y);
+            if (y.first && y.depth > 1 && splats) meet_caustic(b, &y);
             if (splats && is_wanted(b, y.depth + 1, 1)) join_camera(b, &y);
             if (b->connections.segments.count == SCENE_PACKET) take_splats(b);
         }
@@ -390,6 +424,7 @@ static void bdpt_light(sample_t *sample, bool splats)
                             .teaches = b.teaches && ray.start.density > 0,
                             .density = ray.start.density,
                             .lessons = {ray.lessons[0], ray.lessons[1]}};
+    b.ray = &ray;
     light_pool_add_path(sample->pool, &b.path);
     trace_light_subpath(&b, &walk, splats);
     if (b.connections.segments.count > 0) take_splats(&b);
@@ -405,6 +440,82 @@ static void teach_eye(const half_t *b, uint64_t rays)
     lesson_note(b->sample, LESSON_OWN + lesson_block(&b->setup->settings, x, y), own, LESSON_BITS);
     lesson_note(b->sample, LESSON_OWN_SQUARES, square(own), LESSON_BITS);
     lesson_note(b->sample, LESSON_OWN_RAYS, (float)rays, LESSON_RAY_BITS);
+}
+
+/* ---- caustics ------------------------------------------------------------------------------------------ */
+
+/* Where an eye vertex is that may seek caustics (caustics.h), and how many rays it sends, on average. */
+typedef struct {
+    uint32_t region;
+    float rays;
+} seeker_t;
+
+/* Follows a ray through specular vertices into a light. */
+static void follow(half_t *b, walk_t *walk)
+{
+    for (int i = walk->depth + 1; i <= setup_max_segments(b->setup); i++) {
+        vertex_t y;
+        walk_arrive(walk, b->sample, &y);
+        if (!walk_weigh(walk, &y)) return;
+        if (!walk->joinable) hit_lights(b, walk, &y);
+        if (y.kind == VERTEX_SKY || i == setup_max_segments(b->setup)) return;
+        vertex_shade(&y, b->setup, walk->scattered);
+        if (!walk_scatter(walk, b->sample, &y) || walk->joinable) return;
+    }
+}
+
+/* Sends the rays of a vertex where `walk` arrived. */
+static void send_rays(half_t *b, const walk_t *walk, const vertex_t *z, const seeker_t *seeker)
+{
+    sampler_t numbers = sample_side_stream(b->sample, z->dimension);
+    int count = (int)(seeker->rays + sampler_1d(&numbers));
+    for (int k = 0; k < count; k++) {
+        vec3_t w;
+        float pdf;
+        bsdf_value_t fz;
+        vec2_t u = sampler_2d(&numbers);
+        if (!caustics_sample(b->setup->caustics, seeker->region, vertex_point(z), u, &w, &pdf) ||
+            !vertex_eval(z, w, &fz))
+            continue;
+        walk_t ray = *walk;
+        walk_turn(&ray, z, w, &fz, 1 / (fz.pdf + seeker->rays * pdf));
+        ray.roulette = no_roulette;
+        ray.dimension = (uint32_t)(k + 1) << 24 | z->dimension; /* which no subpath gets to */
+        ray.seeks = seeker->region;
+        ray.left = 1;
+        follow(b, &ray);
+    }
+}
+
+/* Seeks caustics from a vertex where `walk` arrived, if it came by way of a specular one: what else it is
+ * joined to finds the others. */
+static seeker_t seek(half_t *b, const walk_t *walk, const vertex_t *z)
+{
+    seeker_t seeker = {CAUSTICS_NOWHERE, 0};
+    const caustics_t *caustics = b->setup->caustics;
+    if (walk->joinable || !vertex_is_joinable(z)) return seeker;
+    if (b->sample->scout != NULL) caustics_scout_sight(b->sample->scout, vertex_point(z));
+    if (caustics != NULL) seeker.region = caustics_region(caustics, vertex_point(z));
+    if (seeker.region == CAUSTICS_NOWHERE) return seeker;
+    float throughput = v_max(v_mul(z->throughput, bsdf_albedo(&z->bsdf)));
+    if (b->teaches)
+        lesson_note_part(b->sample, caustics_visit_place(caustics, seeker.region), throughput,
+                         CAUSTICS_VISIT_BITS, 0.5f);
+    seeker.rays = caustics_rays(caustics, seeker.region, throughput);
+    if (seeker.rays > 0) send_rays(b, walk, z, &seeker);
+    return seeker;
+}
+
+/* Notes at a walk that has left such a vertex what is left to it. */
+static void note_seeker(const half_t *b, walk_t *walk, const seeker_t *seeker)
+{
+    if (!walk->joinable) return;
+    walk->seeks = seeker->region;
+    walk->left = 1;
+    if (seeker->rays > 0) {
+        float pdf = caustics_pdf(b->setup->caustics, seeker->region, walk->point, walk->direction);
+        walk->left = walk->pdf / (walk->pdf + seeker->rays * pdf);
+    }
 }
 
 static rgb_t bdpt_eye(sample_t *sample)
@@ -428,7 +539,9 @@ static rgb_t bdpt_eye(sample_t *sample)
         if (b.eta > 0) walk_weigh_merging(&walk, &z, b.eta);
         if (vertex_is_joinable(&z) && !lights_empty(b.setup->lights)) join_eye_vertex(&b, &z);
         if (z.merging > 0) merge_photons(&b, &z);
+        seeker_t seeker = seek(&b, &walk, &z);
         if (!walk_scatter(&walk, sample, &z)) break;
+        note_seeker(&b, &walk, &seeker);
     }
     if (b.teaches) teach_eye(&b, sample->result->counts.rays - rays);
     return b.radiance;

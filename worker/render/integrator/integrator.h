@@ -29,6 +29,7 @@ typedef struct {
      * BRIGHTNESS_SIDE x BRIGHTNESS_SIDE parts of the film. */
     uint32_t teaching_mask;
     const float *inverse_brightness;
+    const struct caustics *caustics; /* NULL: there are none */
     float noise; /* in those terms, about the standard deviation of what the eye half of a sample brings */
     job_settings_t settings;
 } setup_t;
@@ -45,8 +46,9 @@ static inline float setup_brightness(const setup_t *setup, float x, float y)
     return setup->inverse_brightness[BRIGHTNESS_SIDE * v + u];
 }
 
-struct photon_set; /* photons.h */
-struct light_pool; /* light_pool.h */
+struct photon_set;     /* photons.h */
+struct caustics_scout; /* caustics.h */
+struct light_pool;     /* light_pool.h */
 
 /* One sample in the making. */
 typedef struct {
@@ -59,6 +61,7 @@ typedef struct {
     rgb_t groups[LIGHT_GROUPS_MAX]; /* what of the radiance of the eye subpath comes from each light group */
     struct light_pool *pool;        /* of its block */
     const struct photon_set *photons; /* that it merges with; NULL: none */
+    struct caustics_scout *scout;     /* NULL, or: it is a first look */
     unit_result_t *result;            /* receives splats and counts */
 } sample_t;
 
@@ -106,6 +109,15 @@ static inline sampler_t sample_stream(const sample_t *sample, uint32_t dimension
 {
     sampler_t sampler = sample->numbers;
     sampler.dimension = dimension;
+    return sampler;
+}
+
+/* Numbers of the sample that no dimension of sample_stream has. */
+static inline sampler_t sample_side_stream(const sample_t *sample, uint32_t dimension)
+{
+    sampler_t sampler = sample_stream(sample, dimension);
+    sampler.sequence_key ^= 0x8F1BBCDCu;
+    sampler.sample_key ^= 0xCA62C1D6F3A0B5E7u;
     return sampler;
 }
 

@@ -36,6 +36,19 @@ void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
                   medium_transmittance(&walk->medium, v_length(v_sub(vertex_point(vertex), walk->point))));
 }
 
+/* Leaves the vertex in direction w; how it was drawn is noted. */
+static void go_on(walk_t *walk, const vertex_t *vertex, vec3_t w)
+{
+    walk->first = !walk->scattered;
+    walk->scattered = walk->scattered || walk->joinable;
+    walk->parallel = false;
+    walk->direction = w;
+    walk->point = vertex_point(vertex);
+    walk->origin = vertex_exit(vertex, w);
+    walk->cosine = vertex_area_cosine(vertex, w);
+    walk->medium = vertex_medium(vertex, w);
+}
+
 bool walk_scatter(walk_t *walk, const sample_t *sample, const vertex_t *vertex)
 {
     bsdf_sample_t next;
@@ -55,13 +68,15 @@ bool walk_scatter(walk_t *walk, const sample_t *sample, const vertex_t *vertex)
     walk->pdf = next.pdf;
     walk->pdf_rev = next.pdf_rev;
     walk->joinable = !next.specular;
-    walk->first = !walk->scattered;
-    walk->scattered = walk->scattered || !next.specular;
-    walk->parallel = false;
-    walk->direction = next.wi;
-    walk->point = vertex_point(vertex);
-    walk->origin = vertex_exit(vertex, next.wi);
-    walk->cosine = vertex_area_cosine(vertex, next.wi);
-    walk->medium = vertex_medium(vertex, next.wi);
+    go_on(walk, vertex, next.wi);
     return true;
+}
+
+void walk_turn(walk_t *walk, const vertex_t *vertex, vec3_t w, const bsdf_value_t *value, float factor)
+{
+    walk->throughput = v_scale(v_mul(vertex->throughput, value->f), vertex_cosine(vertex, w) * factor);
+    walk->pdf = value->pdf;
+    walk->pdf_rev = value->pdf_rev;
+    walk->joinable = true;
+    go_on(walk, vertex, w);
 }

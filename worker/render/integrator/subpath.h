@@ -48,6 +48,7 @@
 #ifndef LIGHTMILL_SUBPATH_H
 #define LIGHTMILL_SUBPATH_H
 
+#include "worker/render/integrator/caustics.h"
 #include "worker/render/integrator/vertex.h"
 
 static inline float square(float x)
@@ -85,6 +86,11 @@ typedef struct {
     bool parallel;       /* vertex i - 1 is at infinity, or the camera orthographic */
     bool scattered;      /* by something that is not specular */
     bool first;          /* as of vertex i - 1 */
+    /* Of an eye subpath: where it last scattered by something that is not specular, if rays to caustics
+     * (caustics.h) may be sent from there; and the part of what it runs into from there by way of specular
+     * vertices that is left to it, since such rays find it, too. */
+    uint32_t seeks; /* the region, or CAUSTICS_NOWHERE */
+    float left;
 } walk_t;
 
 /* Strata do more for the places that the first vertex draws on lights than for what the other strategies
@@ -127,6 +133,7 @@ static inline walk_t walk_from_camera(sample_t *sample, roulette_t roulette)
                     .throughput = vec3(1, 1, 1),
                     .pdf = ray.pdf,
                     .view_ratio = 1,
+                    .seeks = CAUSTICS_NOWHERE,
                     .joinable = ray.joinable,
                     .parallel = ray.parallel}; /* direct 0: nothing runs into a camera */
 }
@@ -197,6 +204,8 @@ static inline void walk_weigh_merging(walk_t *walk, vertex_t *vertex, float eta)
 
 /* Scatters at the vertex. False when the subpath ends here. */
 bool walk_scatter(walk_t *walk, const sample_t *sample, const vertex_t *vertex);
+/* Goes on in a given direction, in which the vertex scatters as `value` says; the density is 1 / `factor`. */
+void walk_turn(walk_t *walk, const vertex_t *vertex, vec3_t w, const bsdf_value_t *value, float factor);
 
 /* share_i of the vertex at the junction, all as above; `count`: how often the strategy next to this one draws
  * for once of the others. */

@@ -234,6 +234,11 @@ bool lights_empty(const lights_t *lights)
     return lights->alias.count == 0;
 }
 
+float lights_flux(const lights_t *lights)
+{
+    return (float)lights->alias.total;
+}
+
 /* The k-th lesson of a start. */
 static uint32_t lesson_at(const light_t *light, const light_start_t *start, uint32_t k)
 {

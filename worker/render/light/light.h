@@ -41,6 +41,8 @@ lights_t *lights_guided(const lights_t *lights, const double *lessons, double sa
                         double left, double least, float *share);
 /* True when there is nothing to sample. */
 bool lights_empty(const lights_t *lights);
+/* About what a light subpath carries at its start without guides. */
+float lights_flux(const lights_t *lights);
 
 /* The start of a light subpath. */
 typedef struct {

@@ -3,6 +3,7 @@
 
 #include "common/base.h"
 #include "worker/render/sampling/distribution.h"
+#include "worker/render/sampling/smoothed.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -32,21 +33,6 @@ uint32_t light_guide_side(guide_kind_t kind, uint32_t fineness)
 uint32_t light_guide_cells(guide_kind_t kind, uint32_t side)
 {
     return kind == GUIDE_NOTHING ? 1 : parts_of(kind) * side * side;
-}
-
-/* The lesson of a cell with some of its neighbours', since what little came from is not known well. */
-static double smoothed(const double *lessons, int side, int x, int y)
-{
-    double sum = 0, weights = 0;
-    for (int dy = -1; dy <= 1; dy++)
-        for (int dx = -1; dx <= 1; dx++) {
-            int nx = x + dx, ny = y + dy;
-            if (nx < 0 || ny < 0 || nx >= side || ny >= side) continue;
-            double weight = dx == 0 && dy == 0 ? 4 : 1;
-            sum += weight * lessons[ny * side + nx];
-            weights += weight;
-        }
-    return sum / weights;
 }
 
 /* The factors that take lessons to what they are for each measure and sample. */

@@ -17,6 +17,7 @@
 struct plan {
     setup_t setup;
     lights_t *lights;
+    caustics_t *caustics;
 };
 
 static const double LEAST_SHARE = 1.0 / 8;
@@ -51,6 +52,7 @@ typedef struct {
     uint32_t count;
     sight_t *eye; /* [count] */
     size_t splat_count;
+    caustics_scout_t scout;
     sight_t *splats; /* brightness of a part if all its pixels shared what these looks brought */
 } looks_t;
 
@@ -60,7 +62,8 @@ static float usable(rgb_t value)
     return most > 0 && most < INFINITY ? most : 0;
 }
 
-static void look(looks_t *looks, const integrator_ops_t *integrator, uint32_t i, unit_result_t *result)
+/* A sample that is not of the picture. */
+static sample_t first_look(looks_t *looks, uint32_t i, unit_result_t *result)
 {
     const job_settings_t *settings = &looks->setup->settings;
     uint32_t width = (uint32_t)settings->width, height = (uint32_t)settings->height;
@@ -71,8 +74,17 @@ static void look(looks_t *looks, const integrator_ops_t *integrator, uint32_t i,
                        .sample = UINT32_MAX,
                        .numbers = sampler_new(SAMPLER_INDEPENDENT, settings->seed, i, UINT32_MAX),
                        .pool = looks->pool,
+                       .scout = &looks->scout,
                        .result = result};
     sample.time = sample_time(&sample);
+    return sample;
+}
+
+static void look(looks_t *looks, const integrator_ops_t *integrator, uint32_t i, unit_result_t *result)
+{
+    const job_settings_t *settings = &looks->setup->settings;
+    uint32_t width = (uint32_t)settings->width;
+    sample_t sample = first_look(looks, i, result);
     light_pool_reset(looks->pool, 1);
     if (integrator->light != NULL) integrator->light(&sample, true);
     float value = usable(integrator->sample(&sample));
@@ -87,6 +99,19 @@ static void look(looks_t *looks, const integrator_ops_t *integrator, uint32_t i,
             usable(vec3(splat->rgb[0], splat->rgb[1], splat->rgb[2])) * PARTS / (float)looks->count};
     }
     result->splat_count = 0;
+}
+
+/* More light subpaths alone, where they show the way to caustics. */
+static void look_for_caustics(looks_t *looks, const integrator_ops_t *integrator, unit_result_t *result)
+{
+    enum { TIMES = 16 };
+    if (looks->scout.sights == 0 || looks->scout.meetings == 0) return;
+    for (uint32_t i = looks->count; i < TIMES * looks->count; i++) {
+        sample_t sample = first_look(looks, i, result);
+        light_pool_reset(looks->pool, 1);
+        integrator->light(&sample, true);
+        result->splat_count = 0;
+    }
 }
 
 /* The mean of what was seen in the parts; each sight counts up to a bound, since one that is far brighter
@@ -106,7 +131,7 @@ static void sum_up(const looks_t *looks, float *inverse)
     for (int i = 0; i < PARTS; i++) inverse[i] = sums[i] > 0 ? 1 / sums[i] : 0;
 }
 
-static void look_at_picture(const setup_t *setup, const integrator_ops_t *integrator, float *inverse)
+static caustics_t *look_at_picture(const setup_t *setup, const integrator_ops_t *integrator, float *inverse)
 {
     enum { LEAST = 64, MOST = 4096, PIXELS = 16 /* for each look */ };
     uint32_t count = (uint32_t)(setup->settings.width * setup->settings.height / PIXELS);
@@ -116,20 +141,26 @@ static void look_at_picture(const setup_t *setup, const integrator_ops_t *integr
     unit_result_t result = {0};
     for (uint32_t i = 0; i < looks.count; i++) look(&looks, integrator, i, &result);
     sum_up(&looks, inverse);
+    look_for_caustics(&looks, integrator, &result);
     unit_result_free(&result);
     light_pool_destroy(&looks.pool);
     free(looks.eye);
     free(looks.splats);
+    caustics_t *caustics = caustics_new(&looks.scout);
+    caustics_scout_free(&looks.scout);
+    return caustics;
 }
 
-void plan_prepare(setup_t *setup, lights_t *lights, const integrator_ops_t *integrator,
-                  float inverse_brightness[BRIGHTNESS_SIDE * BRIGHTNESS_SIDE])
+caustics_t *plan_prepare(setup_t *setup, lights_t *lights, const integrator_ops_t *integrator,
+                         float inverse_brightness[BRIGHTNESS_SIDE * BRIGHTNESS_SIDE])
 {
-    lights_learn(lights, LEARNING_PLACES - LESSON_LIGHTS);
-    look_at_picture(setup, integrator, inverse_brightness);
+    caustics_t *caustics = look_at_picture(setup, integrator, inverse_brightness);
+    lights_learn(lights, LEARNING_PLACES - LESSON_LIGHTS - caustics_places(caustics));
+    setup->caustics = caustics;
     setup->inverse_brightness = inverse_brightness;
     setup->teaching_mask = 0;
     setup->noise = FIRST_NOISE;
+    return caustics;
 }
 
 /* ---- what samples have without light subpaths ---------------------------------------------------------- */
@@ -225,6 +256,8 @@ plan_t *plan_new(const setup_t *setup, const learning_plan_t *learned)
     plan->lights = lights_guided(setup->lights, lessons + LESSON_LIGHTS, taught->all, reach,
                                  left_noise(lessons, taught), LEAST_SHARE, &plan->setup.light_share);
     plan->setup.lights = plan->lights;
+    plan->caustics = caustics_guided(setup->caustics, lessons, reach);
+    plan->setup.caustics = plan->caustics;
     plan->setup.noise = (float)sqrt(own_noise(lessons, taught));
     plan->setup.teaching_mask = teaching_mask(&setup->settings, learned->pass);
     log_debug("plan of pass %u: own noise %.3f at %.2f rays; %.3f light subpaths a sample", learned->pass,
@@ -238,6 +271,7 @@ void plan_destroy(plan_t **plan)
 {
     if (*plan == NULL) return;
     lights_destroy(&(*plan)->lights);
+    caustics_destroy(&(*plan)->caustics);
     free(*plan);
     *plan = NULL;
 }

@@ -5,14 +5,15 @@
 #define LIGHTMILL_RENDER_PLAN_H
 
 #include "common/film/learning.h"
+#include "worker/render/integrator/caustics.h"
 #include "worker/render/integrator/integrator.h"
 
 typedef struct plan plan_t;
 
 /* What a job that learns needs before its first sample: places for the lessons of lights, and how bright the
  * picture is where. The setup stays the caller's; `brightness` is for it to point to, too. */
-void plan_prepare(setup_t *setup, lights_t *lights, const integrator_ops_t *integrator,
-                  float inverse_brightness[BRIGHTNESS_SIDE * BRIGHTNESS_SIDE]);
+caustics_t *plan_prepare(setup_t *setup, lights_t *lights, const integrator_ops_t *integrator,
+                         float inverse_brightness[BRIGHTNESS_SIDE * BRIGHTNESS_SIDE]);
 /* The setup of a pass whose plan this is. `setup` is the one that was prepared; it must outlive the plan. */
 plan_t *plan_new(const setup_t *setup, const learning_plan_t *learned);
 /* Frees the plan and sets *plan to NULL. */
