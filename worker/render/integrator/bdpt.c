@@ -11,6 +11,9 @@
  * Where nothing can be joined to the camera (camera.h) there is no t = 1, and an eye subpath that is lost in
  * the lens ends at once.
  *
+ * What is seen and lit through glass or mirrors no connection finds. In jobs that learn eye vertices send
+ * rays there (caustics.h), which make s = 0 a strategy of two ways.
+ *
  * A job may ask for one strategy alone, with its weight or without (job_settings_t): Veach's pyramid.
  *
  * vcm adds what no connection finds: light that comes through glass and is seen through glass, too. Each eye
