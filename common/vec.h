@@ -79,6 +79,20 @@ static inline float v_max(vec3_t a)
 {
     return float_max(a.x, float_max(a.y, a.z));
 }
+/* The corners of the smallest box about two points. */
+static inline vec3_t v_low(vec3_t a, vec3_t b)
+{
+    return vec3(float_min(a.x, b.x), float_min(a.y, b.y), float_min(a.z, b.z));
+}
+static inline vec3_t v_high(vec3_t a, vec3_t b)
+{
+    return vec3(float_max(a.x, b.x), float_max(a.y, b.y), float_max(a.z, b.z));
+}
+/* A coordinate, by its number from 0 to 2. */
+static inline float v_at(vec3_t a, int axis)
+{
+    return axis == 0 ? a.x : axis == 1 ? a.y : a.z;
+}
 static inline bool v_is_zero(vec3_t a)
 {
     return a.x == 0 && a.y == 0 && a.z == 0;

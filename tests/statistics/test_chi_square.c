@@ -197,7 +197,7 @@ static void lights_draw_by_power_and_area(void **state)
         surface_t surface =
             place_on(&fixture, xform_point(&stretch, v_scale(n, sphere_radius)), vec3(0, 0, 1));
         light_hit_t hit;
-        assert_true(lights_hit(fixture.lights, &surface, vec3(0, 0, 1), &hit));
+        assert_true(lights_hit(fixture.lights, vec3(0, 0, 0), &surface, vec3(0, 0, 1), &hit));
         expected[2 + c] += DRAWS * (double)hit.pdf_place * area * radius * radius * cell / 64;
     }
     double p = chi_square_p(observed, expected, CELLS + 2, DRAWS);
@@ -218,7 +218,7 @@ static float emission_density(const void *what, vec3_t w)
 {
     const emitting_t *emitting = what;
     light_hit_t hit;
-    return lights_hit(emitting->lights, &emitting->surface, w, &hit) ? hit.pdf_ray : 0;
+    return lights_hit(emitting->lights, vec3(0, 0, 0), &emitting->surface, w, &hit) ? hit.pdf_ray : 0;
 }
 
 /* One place of each light over and over. */
@@ -272,7 +272,7 @@ static void ways_to_a_light_agree(void **state)
         vec3_t n = v_normalize(v_sub(ray.origin, ray.point)), d = v_sub(ray.point, point);
         if (!is_on_ellipsoid(ray.point) && v_dot(n, ray.direction) < 0) n = v_neg(n);
         surface_t surface = place_on(&fixture, ray.point, n);
-        assert_true(lights_hit(fixture.lights, &surface, v_neg(view.w), &hit));
+        assert_true(lights_hit(fixture.lights, vec3(0, 0, 0), &surface, v_neg(view.w), &hit));
         float distance2 = v_length2(d);
         assert_float_equal(v_dot(view.w, d) / sqrtf(distance2), 1, 1e-5f);
         assert_float_equal(view.pdf_place / ray.pdf_place, 1, 1e-4f);

@@ -118,6 +118,10 @@ static const light_case_t lights_of[] = {
      FOUND_BY_LOOKING},
     {"more than are asked", V3(AREA3("") TWO_QUADS TWO_QUADS TWO_QUADS TWO_QUADS TWO_QUADS),
      FOUND_BY_LOOKING},
+    {"more than are asked, under two skies",
+     V3("LightSource \"infinite\" \"rgb L\" [0.3 0.2 0.1]\nLightSource \"infinite\" \"string mapname\" "
+        "[\"wide.pfm\"]\n" AREA3("") TWO_QUADS TWO_QUADS TWO_QUADS TWO_QUADS TWO_QUADS),
+     FOUND_BY_LOOKING},
     {"point", V3("LightSource \"point\" \"point from\" [0.3 1.2 0.2]\n"), 0},
     {"spot of v3",
      V3("LightSource \"spot\" \"point from\" [0.3 1.2 0.2] \"point to\" [0.1 0 0.2] \"float coneangle\" [25] "
@@ -322,7 +326,7 @@ static void look(const lit_t *lit, vec3_t point, vec3_t w, bool in_middle, tally
     if (!scene_intersect(lit->scene, point, w, 0, &surface)) {
         for (uint32_t k = 0; k < lights_sky_count(lit->lights); k++)
             if (lights_escape(lit->lights, k, point, w, &hit)) add_found(tally, &hit, cos, w, in_middle, 1);
-    } else if (surface.light != BLOB_NONE && lights_hit(lit->lights, &surface, v_neg(w), &hit)) {
+    } else if (surface.light != BLOB_NONE && lights_hit(lit->lights, point, &surface, v_neg(w), &hit)) {
         add_found(tally, &hit, cos, w, in_middle, fabs((double)v_dot(surface.ng, w)));
     }
 }
@@ -428,7 +432,7 @@ static bool look_back(const lit_t *lit, const light_ray_t *ray, light_hit_t *hit
     vec3_t point = v_mad(ray->origin, 0.01f, ray->direction), w = v_neg(ray->direction);
     if (!ray->at_infinity)
         return scene_intersect(lit->scene, point, w, 0, &surface) && surface.light == ray->light &&
-               lights_hit(lit->lights, &surface, ray->direction, hit);
+               lights_hit(lit->lights, point, &surface, ray->direction, hit);
     for (uint32_t k = 0; k < lights_sky_count(lit->lights); k++)
         if (lights_escape(lit->lights, k, point, w, hit) && hit->light == ray->light) return true;
     return false;

@@ -208,7 +208,7 @@ static void hit_lights(half_t *b, const walk_t *walk, const vertex_t *z)
     bool caustic = walk->seeks != CAUSTICS_NOWHERE && !walk->joinable;
     for (uint32_t k = 0; k < vertex_light_count(z, b->setup->lights); k++) {
         light_hit_t hit;
-        if (!vertex_light_hit(z, b->setup->lights, k, &hit)) continue;
+        if (!vertex_light_hit(z, b->setup->lights, k, walk->point, &hit)) continue;
         float count = hit.view_ratio * light_count(b->setup, hit.light, walk->first);
         float share = z->depth == 1 ? 0 : mis_share_counted(z, hit.pdf_place, hit.pdf_ray, count);
         float weight = weight_of(b, share);
@@ -386,12 +386,20 @@ static void meet_caustic(half_t *b, const vertex_t *y)
     }
 }
 
+/* Enters the light subpath into the pool, now that its first vertex says how s = 1 would have drawn it. */
+static void begin_path(half_t *b, const walk_t *walk)
+{
+    b->path.view_ratio = walk->view_ratio;
+    light_pool_add_path(b->sample->pool, &b->path);
+}
+
 /* Traces the light subpath into the pool; specular vertices are passed through. */
 static void trace_light_subpath(half_t *b, walk_t *walk, bool splats)
 {
     for (int i = 1; i < setup_max_segments(b->setup); i++) {
         vertex_t y;
         walk_arrive(walk, b->sample, &y);
+        if (i == 1) begin_path(b, walk);
         if (y.kind == VERTEX_SKY || !walk_weigh(walk, &y)) return;
         vertex_shade(&y, b->setup, walk->scattered);
         if (b->eta > 0) walk_weigh_merging(walk, &y, b->eta);
@@ -423,12 +431,10 @@ static void bdpt_light(sample_t *sample, bool splats)
     uint64_t rays = sample->result->counts.rays;
     if (!walk_from_light(sample, roulette, &walk, &ray)) return;
     b.path = (light_path_t){.source = ray.light,
-                            .view_ratio = ray.view_ratio,
                             .teaches = b.teaches && ray.start.density > 0,
                             .density = ray.start.density,
                             .lessons = {ray.lessons[0], ray.lessons[1]}};
     b.ray = &ray;
-    light_pool_add_path(sample->pool, &b.path);
     trace_light_subpath(&b, &walk, splats);
     if (b.connections.segments.count > 0) take_splats(&b);
     if (b.path.teaches && splats) teach_light(&b, sample->result->counts.rays - rays);

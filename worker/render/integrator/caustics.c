@@ -66,17 +66,12 @@ void caustics_scout_free(caustics_scout_t *scout)
 
 /* ---- regions ------------------------------------------------------------------------------------------- */
 
-static float coordinate(vec3_t p, int axis)
-{
-    return axis == 0 ? p.x : axis == 1 ? p.y : p.z;
-}
-
 /* By one coordinate; then by the others, so that the order is the same everywhere. */
 static int axis_order(const void *a, const void *b, void *axis)
 {
     for (int k = 0; k < 3; k++) {
         int at = (*(int *)axis + k) % 3;
-        float u = coordinate(*(const vec3_t *)a, at), v = coordinate(*(const vec3_t *)b, at);
+        float u = v_at(*(const vec3_t *)a, at), v = v_at(*(const vec3_t *)b, at);
         if (u != v) return u < v ? -1 : 1;
     }
     return 0;
@@ -87,12 +82,12 @@ static void cut(caustics_t *self, uint32_t node, vec3_t *points, size_t count)
 {
     vec3_t low = points[0], high = points[0];
     for (size_t i = 1; i < count; i++) {
-        low = vec3(fminf(low.x, points[i].x), fminf(low.y, points[i].y), fminf(low.z, points[i].z));
-        high = vec3(fmaxf(high.x, points[i].x), fmaxf(high.y, points[i].y), fmaxf(high.z, points[i].z));
+        low = v_low(low, points[i]);
+        high = v_high(high, points[i]);
     }
     vec3_t sides = v_sub(high, low);
     int axis = sides.x >= sides.y && sides.x >= sides.z ? 0 : sides.y >= sides.z ? 1 : 2;
-    if (node >= REGIONS || count < 2 * LEAST || !(coordinate(sides, axis) > 0)) {
+    if (node >= REGIONS || count < 2 * LEAST || !(v_at(sides, axis) > 0)) {
         self->leaves[node] = self->count;
         self->regions[self->count++] =
             (region_t){.centre = v_scale(v_add(low, high), 0.5f), .radius = 0.5f * v_length(sides)};
@@ -102,7 +97,7 @@ static void cut(caustics_t *self, uint32_t node, vec3_t *points, size_t count)
     size_t half = count / 2;
     self->leaves[node] = CAUSTICS_NOWHERE;
     self->axes[node] = axis;
-    self->cuts[node] = 0.5f * (coordinate(points[half - 1], axis) + coordinate(points[half], axis));
+    self->cuts[node] = 0.5f * (v_at(points[half - 1], axis) + v_at(points[half], axis));
     cut(self, 2 * node, points, half);
     cut(self, 2 * node + 1, points + half, count - half);
 }
@@ -111,7 +106,7 @@ static uint32_t find(const caustics_t *self, vec3_t point)
 {
     uint32_t node = 1;
     while (self->leaves[node] == CAUSTICS_NOWHERE)
-        node = 2 * node + (coordinate(point, self->axes[node]) >= self->cuts[node]);
+        node = 2 * node + (v_at(point, self->axes[node]) >= self->cuts[node]);
     return self->leaves[node];
 }
 

@@ -56,7 +56,7 @@ static rgb_t seen_light(sample_t *sample)
     walk_t walk = walk_from_camera(sample, roulette);
     walk_arrive(&walk, sample, &z);
     for (uint32_t k = 0; k < vertex_light_count(&z, setup->lights); k++)
-        if (vertex_light_hit(&z, setup->lights, k, &hit)) {
+        if (vertex_light_hit(&z, setup->lights, k, walk.point, &hit)) {
             sum = v_add(sum, hit.radiance);
             sample_lit(sample, hit.light, hit.radiance);
         }

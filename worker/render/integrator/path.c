@@ -42,7 +42,7 @@ static rgb_t emitted(sample_t *sample, const walk_t *walk, const vertex_t *z)
     rgb_t sum = vec3(0, 0, 0);
     for (uint32_t k = 0; k < vertex_light_count(z, setup->lights); k++) {
         light_hit_t hit;
-        if (!vertex_light_hit(z, setup->lights, k, &hit)) continue;
+        if (!vertex_light_hit(z, setup->lights, k, walk->point, &hit)) continue;
         /* makes the place's density one per steradian at the vertex before */
         float measure = z->kind == VERTEX_SKY
                             ? 1

@@ -137,20 +137,20 @@ static float shrinkage(uint32_t index)
 
 /* ---- tracing ------------------------------------------------------------------------------------------- */
 
-static void chunk_add(chunk_t *chunk, const vertex_t *y, const light_ray_t *ray)
+static void chunk_add(chunk_t *chunk, const vertex_t *y, const walk_t *walk)
 {
     if (chunk->count == chunk->capacity) {
         chunk->capacity = 2 * chunk->capacity + CHUNK;
         chunk->points = mem_realloc(chunk->points, chunk->capacity * sizeof *chunk->points);
         chunk->photons = mem_realloc(chunk->photons, chunk->capacity * sizeof *chunk->photons);
     }
-    float count = strategy_count(y, ray->view_ratio); /* as in bdpt.c */
+    float count = strategy_count(y, walk->view_ratio); /* as in bdpt.c */
     chunk->points[chunk->count] = vertex_point(y);
     chunk->photons[chunk->count++] = (photon_t){.wo = y->wo,
                                                 .throughput = y->throughput,
                                                 .direct = square(count) * y->direct,
                                                 .inner = y->inner,
-                                                .light = ray->light,
+                                                .light = walk->light,
                                                 .depth = y->depth};
 }
 
@@ -175,7 +175,7 @@ static void trace_subpath(const setup_t *setup, const photon_set_t *set, uint32_
         if (y.kind == VERTEX_SKY || !walk_weigh(&walk, &y)) return;
         vertex_shade(&y, setup, walk.scattered);
         walk_weigh_merging(&walk, &y, set->eta);
-        if (y.merging > 0 && v_is_finite(y.throughput)) chunk_add(chunk, &y, &ray);
+        if (y.merging > 0 && v_is_finite(y.throughput)) chunk_add(chunk, &y, &walk);
         if (!walk_scatter(&walk, &sample, &y)) return;
     }
 }

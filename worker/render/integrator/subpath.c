@@ -29,6 +29,8 @@ void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
         vertex->surface.p = walk->point;
         return;
     }
+    if (walk->depth == 1 && walk->mode == TRANSPORT_IMPORTANCE)
+        walk->view_ratio *= lights_nearness(sample->setup->lights, walk->light, vertex_point(vertex));
     if (walk->gated) enter_portal(walk, sample, vertex);
     if (medium_absorbs(&walk->medium))
         vertex->throughput =

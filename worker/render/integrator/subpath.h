@@ -80,7 +80,8 @@ typedef struct {
     float pdf_rev;       /* of the way back at vertex i - 1: q_{i-1} */
     float direct, inner; /* of vertex i - 1, were it not specular */
     uint32_t light;      /* that a light subpath starts from */
-    float view_ratio;    /* and of its place there (light_ray_t); 1 for an eye subpath */
+    float view_ratio;    /* and of its place there (light_ray_t), as the first vertex sees it, on arrival
+                            there; 1 for an eye subpath */
     bool gated;          /* vertex i - 1 is at infinity, beyond the portal of its light */
     bool joinable;       /* vertex i - 1 is not specular */
     bool parallel;       /* vertex i - 1 is at infinity, or the camera orthographic */

@@ -11,13 +11,14 @@ bool vertex_eval_split(const vertex_t *vertex, vec3_t w, bool delta, float pdf_p
     return true;
 }
 
-bool vertex_light_hit(const vertex_t *vertex, const lights_t *lights, uint32_t k, light_hit_t *hit)
+bool vertex_light_hit(const vertex_t *vertex, const lights_t *lights, uint32_t k, vec3_t from,
+                      light_hit_t *hit)
 {
     if (vertex->kind == VERTEX_SKY) {
         vec3_t w = v_neg(vertex->wo);
-        return lights_escape(lights, k, vertex_point(vertex), w, hit);
+        return lights_escape(lights, k, from, w, hit);
     }
-    return lights_hit(lights, &vertex->surface, vertex->wo, hit);
+    return lights_hit(lights, from, &vertex->surface, vertex->wo, hit);
 }
 
 void vertex_first_hit(const vertex_t *vertex, sample_t *sample, vec3_t origin)

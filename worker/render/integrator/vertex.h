@@ -115,13 +115,16 @@ static inline medium_t vertex_medium(const vertex_t *vertex, vec3_t w)
 bool vertex_eval_split(const vertex_t *vertex, vec3_t w, bool delta, float pdf_place, float ratio,
                        bsdf_value_t *value, float *share);
 /* The same where a place on a light is joined to the vertex, which the camera makes with the density `seen`.
- * The densities are those without guides: what is seen does not depend on what was learned. */
+ * The densities are those without guides, and by power: what is seen does not depend on how lights are
+ * chosen.
+ */
 static inline bool vertex_split_light(const vertex_t *vertex, const light_view_t *light, float seen,
                                       bsdf_value_t *value, float *share)
 {
     float arrives = light->plain_arrival * vertex_area_cosine(vertex, light->w);
-    return vertex_eval_split(vertex, light->w, light->delta, light->pdf_place * light->view_ratio,
-                             arrives / seen, value, share);
+    return vertex_eval_split(vertex, light->w, light->delta,
+                             light->pdf_place * light->view_ratio / light->nearness, arrives / seen, value,
+                             share);
 }
 
 /* How many lights an eye subpath that ends here may have run into. */
@@ -130,8 +133,9 @@ static inline uint32_t vertex_light_count(const vertex_t *vertex, const lights_t
     if (vertex->kind == VERTEX_SKY) return lights_sky_count(lights);
     return vertex->surface.light != BLOB_NONE;
 }
-/* The k-th of them; false when it is dark. */
-bool vertex_light_hit(const vertex_t *vertex, const lights_t *lights, uint32_t k, light_hit_t *hit);
+/* The k-th of them as seen from the vertex before, which is at `from`; false when it is dark. */
+bool vertex_light_hit(const vertex_t *vertex, const lights_t *lights, uint32_t k, vec3_t from,
+                      light_hit_t *hit);
 
 /* Places on lights that the vertex of an eye subpath is joined to. */
 static inline uint32_t vertex_view_count(const vertex_t *vertex, const lights_t *lights)

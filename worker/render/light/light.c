@@ -34,6 +34,8 @@ struct lights {
     uint32_t count;
     alias_t alias;        /* of all lights, by power */
     alias_t worth;        /* by what light subpaths from them are worth; empty: by power */
+    light_tree_t *tree;   /* of those that are somewhere; NULL: they are few, and chosen by power */
+    float everywhere;     /* part of the power that is of the others, where there is a tree */
     const lights_t *base; /* without guides: their states are its own; NULL: it is one */
     uint32_t *sky;        /* [sky_count] those that are everywhere */
     uint32_t sky_count;
@@ -91,6 +93,28 @@ static void place_first(lights_t *lights, uint32_t shining)
     }
 }
 
+/* Grows the tree of lights that are somewhere, if they are many. */
+static void grow_tree(lights_t *lights, const double *powers)
+{
+    light_box_t *boxes = mem_alloc(((size_t)lights->count + 1) * sizeof *boxes);
+    uint32_t count = 0;
+    double power = 0;
+    for (uint32_t i = 0; i < lights->count; i++) {
+        const light_t *light = &lights->lights[i];
+        const light_ops_t *kind = kinds[light->record->kind];
+        if (kind->box == NULL || !(powers[i] > 0)) continue;
+        light_box_t *box = &boxes[count++];
+        *box = (light_box_t){.power = powers[i], .light = i};
+        kind->box(light, &box->low, &box->high);
+        power += powers[i];
+    }
+    if (count > LIGHTS_FIRST_MOST) {
+        lights->tree = light_tree_new(boxes, count, lights->count);
+        lights->everywhere = (float)(1 - power / lights->alias.total);
+    }
+    free(boxes);
+}
+
 /* Notes the chance of each light, and which are asked by the first vertex. */
 static void choose_lights(lights_t *lights)
 {
@@ -105,6 +129,7 @@ static void choose_lights(lights_t *lights)
         shining += lights->lights[i].chance > 0;
     }
     place_first(lights, shining);
+    grow_tree(lights, powers);
     free(powers);
 }
 
@@ -133,6 +158,7 @@ void lights_destroy(lights_t **lights)
     alias_free(&self->worth);
     if (self->base == NULL) {
         alias_free(&self->alias);
+        light_tree_destroy(&self->tree);
         free(self->sky);
     }
     free(self->lights);
@@ -239,6 +265,12 @@ float lights_flux(const lights_t *lights)
     return (float)lights->alias.total;
 }
 
+/* The chance of a light by its power. */
+static float power_chance(const lights_t *lights, uint32_t number)
+{
+    return lights->lights[number].chance * lights->lights[number].view_ratio;
+}
+
 /* The k-th lesson of a start. */
 static uint32_t lesson_at(const light_t *light, const light_start_t *start, uint32_t k)
 {
@@ -257,12 +289,36 @@ bool lights_emit(const lights_t *lights, float choice, vec2_t place, vec2_t ray,
     return true;
 }
 
+/* The light that s = 1 asks for a point. */
+static uint32_t choose_near(const lights_t *lights, vec3_t point, float *choice)
+{
+    float chance;
+    if (lights->tree == NULL) return alias_sample(&lights->alias, choice);
+    if (*choice >= lights->everywhere) {
+        *choice = (*choice - lights->everywhere) / (1 - lights->everywhere);
+        return light_tree_choose(lights->tree, point, choice, &chance);
+    }
+    uint32_t k = 0;
+    for (; k + 1 < lights->sky_count && *choice >= power_chance(lights, lights->sky[k]); k++)
+        *choice -= power_chance(lights, lights->sky[k]);
+    *choice = float_min(*choice / power_chance(lights, lights->sky[k]), 0x1.fffffep-1f);
+    return lights->sky[k];
+}
+
+float lights_nearness(const lights_t *lights, uint32_t number, vec3_t point)
+{
+    if (lights->tree == NULL || kinds[lights->lights[number].record->kind]->box == NULL) return 1;
+    return light_tree_chance(lights->tree, number, point) * (1 - lights->everywhere) /
+           power_chance(lights, number);
+}
+
 /* `times`: how many such places there are. */
 static bool ask(const lights_t *lights, uint32_t number, float times, vec3_t point, float choice,
                 vec2_t place, light_view_t *out)
 {
     const light_t *light = &lights->lights[number];
-    *out = (light_view_t){.light = number, .view_ratio = light->view_ratio};
+    float nearness = lights_nearness(lights, number, point);
+    *out = (light_view_t){.light = number, .view_ratio = light->view_ratio * nearness, .nearness = nearness};
     if (!kinds[light->record->kind]->illuminate(light, choice, point, place, out)) return false;
     out->density = out->pdf_place * out->view_ratio * times;
     return true;
@@ -270,7 +326,7 @@ static bool ask(const lights_t *lights, uint32_t number, float times, vec3_t poi
 
 bool lights_illuminate(const lights_t *lights, vec3_t point, float choice, vec2_t place, light_view_t *out)
 {
-    uint32_t number = alias_sample(&lights->alias, &choice);
+    uint32_t number = choose_near(lights, point, &choice);
     return ask(lights, number, 1, point, choice, place, out);
 }
 
@@ -301,7 +357,7 @@ bool lights_illuminate_first(const lights_t *lights, uint32_t k, vec3_t point, f
     const asked_t *asked = &lights->asked[k];
     place = (vec2_t){shift(place.x, asked->shift), shift(place.y, asked->shift)};
     choice = shift(choice, asked->shift);
-    uint32_t number = asked->light != ANY_LIGHT ? asked->light : alias_sample(&lights->alias, &choice);
+    uint32_t number = asked->light != ANY_LIGHT ? asked->light : choose_near(lights, point, &choice);
     return ask(lights, number, lights_first_times(lights, number), point, choice, place, out);
 }
 
@@ -318,11 +374,12 @@ static void complete_hit(const light_t *light, light_hit_t *hit)
     hit->lesson = lesson_at(light, &hit->start, GUIDE_LEFT);
 }
 
-bool lights_hit(const lights_t *lights, const surface_t *surface, vec3_t wo, light_hit_t *out)
+bool lights_hit(const lights_t *lights, vec3_t point, const surface_t *surface, vec3_t wo, light_hit_t *out)
 {
     const light_t *light = &lights->lights[surface->light];
     *out = hit_on(lights, surface->light);
     if (!light_area_hit(light, surface, wo, out)) return false;
+    out->view_ratio *= lights_nearness(lights, surface->light, point);
     complete_hit(light, out);
     return true;
 }

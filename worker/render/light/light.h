@@ -9,8 +9,9 @@
  * place of a light that has no extent (counted, not measured: `delta`). A surface may be `delta`, too, when
  * it lets all rays through: then places on it are measured by area, but no eye subpath runs into one.
  *
- * An alias table makes the choice O(1). The light then draws a place: an emissive mesh uniformly by area, so
- * that the density per area at a point depends on its light alone.
+ * An alias table makes the choice O(1), by power. Where there are many lights, s = 1 chooses by what is near,
+ * too (light_tree.h). The light then draws a place: an emissive mesh uniformly by area, so that the density
+ * per area at a point depends on its light alone.
  *
  * Most of what one sees is lit directly, and the first vertex of an eye subpath that scatters by more than
  * mirrors and clear glass is where that shows. For it lights_illuminate_first draws several places, on each
@@ -22,6 +23,7 @@
 #define LIGHTMILL_LIGHT_H
 
 #include "worker/render/light/light_guide.h"
+#include "worker/render/light/light_tree.h"
 #include "worker/render/scene/scene.h"
 
 typedef struct lights lights_t;
@@ -53,7 +55,8 @@ typedef struct {
     float pdf_place;          /* of the place, the choice of the emitter included */
     float pdf_ray;       /* of the direction, per steradian; at infinity of the ray, per area across it */
     float cosine;        /* at the place between normal and direction; 1 where there is no normal */
-    float view_ratio;    /* density with which lights_illuminate draws the place, over pdf_place */
+    float view_ratio;    /* density with which lights_illuminate draws the place, over pdf_place; but for what
+                            lights_nearness says */
     light_start_t start; /* of the light's cells */
     uint32_t lessons[2]; /* the places of its lessons; not where its density is 0 */
     float gate;          /* how far along the ray the light's portal is; 0 without one. See lights_enter */
@@ -67,7 +70,8 @@ typedef struct {
     vec3_t w;                    /* unit direction from the point to the place */
     vec3_t target;               /* where the segment to it ends, off the light already */
     rgb_t radiance;              /* towards the point; of a point light the intensity */
-    float pdf_place, view_ratio; /* as in light_ray_t */
+    float pdf_place, view_ratio; /* as in light_ray_t, for the point; */
+    float nearness;              /* lights_nearness is in view_ratio */
     float density;  /* of all places that are drawn for the point: how many of them to expect, per measure */
     float geometry; /* from solid angle at the point to the measure of places: cos / d^2 on a surface, 1 / d^2
                        of a point, 1 at infinity */
@@ -102,8 +106,11 @@ bool lights_illuminate_first(const lights_t *lights, uint32_t k, vec3_t point, f
                              light_view_t *out);
 /* How often they draw a place on this light for once of lights_illuminate. */
 float lights_first_times(const lights_t *lights, uint32_t light);
-/* The light surface->light seen from the unit direction wo; false when it is dark. */
-bool lights_hit(const lights_t *lights, const surface_t *surface, vec3_t wo, light_hit_t *out);
+/* How much more often than elsewhere lights_illuminate draws places on this light for this point, since it is
+ * near or far: a factor on view_ratio of its places. */
+float lights_nearness(const lights_t *lights, uint32_t light, vec3_t point);
+/* The light surface->light seen from a point, to which wo is the unit direction; false when it is dark. */
+bool lights_hit(const lights_t *lights, vec3_t point, const surface_t *surface, vec3_t wo, light_hit_t *out);
 /* How many lights fill the sky. */
 uint32_t lights_sky_count(const lights_t *lights);
 /* The k-th of them as seen from a point in the unit direction w; false when it is dark there. */
@@ -139,6 +146,8 @@ typedef struct {
     void (*release)(void *state);
     /* Its flux, in any unit that all kinds share (luminance x area x steradians). */
     double (*power)(const light_t *light);
+    /* A box about it; NULL for lights that are everywhere. */
+    void (*box)(const light_t *light, vec3_t *low, vec3_t *high);
     /* As lights_emit and lights_illuminate, with chance taken account of; `choice` is a number that is free
      * again. */
     bool (*emit)(const light_t *light, float choice, vec2_t place, vec2_t ray, light_ray_t *out);

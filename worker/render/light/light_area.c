@@ -136,6 +136,27 @@ static double power(const light_t *light)
            (is_two_sided(light) ? 2 : 1);
 }
 
+static void box(const light_t *light, vec3_t *low, vec3_t *high)
+{
+    const area_state_t *state = state_of(light);
+    if (state->quadric != NULL) {
+        float from[3], to[3];
+        quadric_bounds(state->quadric, from, to);
+        *low = vec3(from[0], from[1], from[2]);
+        *high = vec3(to[0], to[1], to[2]);
+        return;
+    }
+    *low = *high = state->triangles[0].corner;
+    for (uint32_t i = 0; i < state->count; i++) {
+        const triangle_t *t = &state->triangles[i];
+        const vec3_t corners[] = {t->corner, v_add(t->corner, t->e1), v_add(t->corner, t->e2)};
+        for (int k = 0; k < 3; k++) {
+            *low = v_low(*low, corners[k]);
+            *high = v_high(*high, corners[k]);
+        }
+    }
+}
+
 /* ---- places -------------------------------------------------------------------------------------------- */
 
 /* True when the vertex normals say that the light shines to the other side of e1 x e2. */
@@ -326,6 +347,7 @@ bool light_area_hit(const light_t *light, const surface_t *surface, vec3_t wo, l
 const light_ops_t light_area = {.prepare = prepare,
                                 .release = release,
                                 .power = power,
+                                .box = box,
                                 .emit = emit,
                                 .illuminate = illuminate,
                                 .guide = GUIDE_DIRECTIONS};

@@ -51,6 +51,11 @@ static void release(void *state)
     free(state);
 }
 
+static void box(const light_t *light, vec3_t *low, vec3_t *high)
+{
+    *low = *high = state_of(light)->position;
+}
+
 /* Density, per steradian, of a ray in direction w, d in light space. */
 static float ray_pdf(const light_t *light, const beam_t *beam, vec3_t w, vec3_t d)
 {
@@ -145,6 +150,7 @@ DEFINE_WAYS(point)
 const light_ops_t light_point = {.prepare = prepare,
                                  .release = release,
                                  .power = point_power,
+                                 .box = box,
                                  .emit = point_emit,
                                  .illuminate = point_illuminate,
                                  .guide = GUIDE_DIRECTIONS};
@@ -193,6 +199,7 @@ DEFINE_WAYS(spot)
 const light_ops_t light_spot = {.prepare = prepare,
                                 .release = release,
                                 .power = spot_power,
+                                .box = box,
                                 .emit = spot_emit,
                                 .illuminate = spot_illuminate,
                                 .guide = GUIDE_DIRECTIONS};
@@ -224,6 +231,7 @@ DEFINE_WAYS(goniometric)
 const light_ops_t light_goniometric = {.prepare = prepare,
                                        .release = release,
                                        .power = goniometric_power,
+                                       .box = box,
                                        .emit = goniometric_emit,
                                        .illuminate = goniometric_illuminate,
                                        .guide = GUIDE_DIRECTIONS};
@@ -279,6 +287,7 @@ DEFINE_WAYS(projection)
 const light_ops_t light_projection = {.prepare = prepare,
                                       .release = release,
                                       .power = projection_power,
+                                      .box = box,
                                       .emit = projection_emit,
                                       .illuminate = projection_illuminate,
                                       .guide = GUIDE_DIRECTIONS};
