@@ -54,7 +54,7 @@ typedef struct {
 static const case_t cases[] = {
     {"seed-diffuse", "scene.pbrt", INTEGRATOR_BDPT, 128},
     {"seed-diffuse", "scene.pbrt", INTEGRATOR_PATH, 256},
-    {"seed-diffuse", "scene.pbrt", INTEGRATOR_LIGHT, 512},
+    {"seed-diffuse", "scene.pbrt", INTEGRATOR_LIGHT, 256},
     {"seed-diffuse", "scene-v4.pbrt", INTEGRATOR_BDPT, 64},
     {"seed-diffuse", "seed-diffuse.glb", INTEGRATOR_BDPT, 64},
     {"seed-specular", "scene.pbrt", INTEGRATOR_BDPT, 128},
@@ -62,29 +62,29 @@ static const case_t cases[] = {
     {"seed-specular", "scene-v4.pbrt", INTEGRATOR_BDPT, 64},
     {"seed-specular", "seed-specular.glb", INTEGRATOR_BDPT, 64},
     {"seed-hidden", "scene.pbrt", INTEGRATOR_BDPT, 128},
-    {"seed-hidden", "scene.pbrt", INTEGRATOR_PATH, 512},
+    {"seed-hidden", "scene.pbrt", INTEGRATOR_PATH, 256},
     {"seed-hidden", "scene-v4.pbrt", INTEGRATOR_BDPT, 64},
     {"seed-hidden", "seed-hidden.glb", INTEGRATOR_BDPT, 64},
     {"cornell", "scene.pbrt", INTEGRATOR_BDPT, 128},
     {"cornell", "scene.pbrt", INTEGRATOR_PATH, 256},
-    {"cornell", "scene.pbrt", INTEGRATOR_LIGHT, 512},
+    {"cornell", "scene.pbrt", INTEGRATOR_LIGHT, 256},
     {"cornell", "scene-v4.pbrt", INTEGRATOR_BDPT, 64},
     {"caustic", "scene.pbrt", INTEGRATOR_BDPT, 512},
     {"caustic", "scene-v4.pbrt", INTEGRATOR_BDPT, 512},
     {"lights-delta", "scene.pbrt", INTEGRATOR_BDPT, 128},
-    {"lights-delta", "scene.pbrt", INTEGRATOR_PATH, 512},
-    {"lights-delta", "scene.pbrt", INTEGRATOR_LIGHT, 1024},
+    {"lights-delta", "scene.pbrt", INTEGRATOR_PATH, 256},
+    {"lights-delta", "scene.pbrt", INTEGRATOR_LIGHT, 512},
     {"lights-delta", "scene-v4.pbrt", INTEGRATOR_BDPT, 64},
     {"lights-env", "scene.pbrt", INTEGRATOR_BDPT, 256},
-    {"lights-env", "scene.pbrt", INTEGRATOR_PATH, 1024},
+    {"lights-env", "scene.pbrt", INTEGRATOR_PATH, 512},
     {"materials", "scene.pbrt", INTEGRATOR_BDPT, 128},
-    {"materials", "scene.pbrt", INTEGRATOR_PATH, 1024},
+    {"materials", "scene.pbrt", INTEGRATOR_PATH, 512},
     {"textures", "scene.pbrt", INTEGRATOR_BDPT, 128},
-    {"textures", "scene.pbrt", INTEGRATOR_PATH, 512},
+    {"textures", "scene.pbrt", INTEGRATOR_PATH, 256},
     {"instances", "scene.pbrt", INTEGRATOR_BDPT, 128},
-    {"instances", "scene.pbrt", INTEGRATOR_PATH, 1024},
+    {"instances", "scene.pbrt", INTEGRATOR_PATH, 512},
     {"lens", "scene.pbrt", INTEGRATOR_BDPT, 256},
-    {"lens", "scene.pbrt", INTEGRATOR_PATH, 1024},
+    {"lens", "scene.pbrt", INTEGRATOR_PATH, 512},
 };
 
 /* Under a sanitizer, which is many times slower, a few samples must do, whose noise is known badly: what is
@@ -120,6 +120,9 @@ static bool check(const case_t *c)
     agreement_limits_t limits = agreement_default_limits();
     agreement_measure(&image, &reference, &agreement);
     double error = mean_error(&image, &reference);
+    /* To a path tracer caustics behind a mirror are specks, so few and so bright that two halves know the
+     * noise of a block badly. */
+    if (strcmp(c->scene, "seed-specular") == 0 && c->integrator == INTEGRATOR_PATH) limits.max_z = 10;
     if (SPARSER > 1) limits = (agreement_limits_t){.max_rms = 2, .max_z = 15, .max_mean_z = 6};
     bool holds = agreement_holds(&agreement, &limits) && (error < 0.003 || SPARSER > 1);
     print_message(
