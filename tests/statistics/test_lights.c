@@ -122,6 +122,10 @@ static const light_case_t lights_of[] = {
      V3("LightSource \"infinite\" \"rgb L\" [0.3 0.2 0.1]\nLightSource \"infinite\" \"string mapname\" "
         "[\"wide.pfm\"]\n" AREA3("") TWO_QUADS TWO_QUADS TWO_QUADS TWO_QUADS TWO_QUADS),
      FOUND_BY_LOOKING},
+    {"more than are asked, and the sun",
+     V3("LightSource \"distant\" \"point from\" [0.3 2 0.4] \"point to\" [0 0 0]\n" AREA3("")
+            TWO_QUADS TWO_QUADS TWO_QUADS TWO_QUADS TWO_QUADS),
+     0},
     {"point", V3("LightSource \"point\" \"point from\" [0.3 1.2 0.2]\n"), 0},
     {"spot of v3",
      V3("LightSource \"spot\" \"point from\" [0.3 1.2 0.2] \"point to\" [0.1 0 0.2] \"float coneangle\" [25] "

@@ -29,7 +29,7 @@ typedef struct {
      * BRIGHTNESS_SIDE x BRIGHTNESS_SIDE parts of the film. */
     uint32_t teaching_mask;
     const float *inverse_brightness;
-    const struct caustics *caustics; /* NULL: there are none */
+    const struct caustics *caustics; /* caustics.h; NULL: there are none */
     float noise; /* in those terms, about the standard deviation of what the eye half of a sample brings */
     job_settings_t settings;
 } setup_t;

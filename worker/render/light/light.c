@@ -35,7 +35,8 @@ struct lights {
     alias_t alias;        /* of all lights, by power */
     alias_t worth;        /* by what light subpaths from them are worth; empty: by power */
     light_tree_t *tree;   /* of those that are somewhere; NULL: they are few, and chosen by power */
-    float everywhere;     /* part of the power that is of the others, where there is a tree */
+    alias_t far;          /* of the others, where there is a tree; */
+    float far_share;      /* and their part of the power */
     const lights_t *base; /* without guides: their states are its own; NULL: it is one */
     uint32_t *sky;        /* [sky_count] those that are everywhere */
     uint32_t sky_count;
@@ -97,21 +98,23 @@ static void place_first(lights_t *lights, uint32_t shining)
 static void grow_tree(lights_t *lights, const double *powers)
 {
     light_box_t *boxes = mem_alloc(((size_t)lights->count + 1) * sizeof *boxes);
+    double *far = mem_zalloc((size_t)lights->count + 1, sizeof *far);
     uint32_t count = 0;
-    double power = 0;
     for (uint32_t i = 0; i < lights->count; i++) {
         const light_t *light = &lights->lights[i];
         const light_ops_t *kind = kinds[light->record->kind];
+        if (kind->box == NULL) far[i] = powers[i];
         if (kind->box == NULL || !(powers[i] > 0)) continue;
         light_box_t *box = &boxes[count++];
         *box = (light_box_t){.power = powers[i], .light = i};
         kind->box(light, &box->low, &box->high);
-        power += powers[i];
     }
     if (count > LIGHTS_FIRST_MOST) {
         lights->tree = light_tree_new(boxes, count, lights->count);
-        lights->everywhere = (float)(1 - power / lights->alias.total);
+        alias_init(&lights->far, far, lights->count);
+        lights->far_share = (float)(lights->far.total / lights->alias.total);
     }
+    free(far);
     free(boxes);
 }
 
@@ -158,6 +161,7 @@ void lights_destroy(lights_t **lights)
     alias_free(&self->worth);
     if (self->base == NULL) {
         alias_free(&self->alias);
+        alias_free(&self->far);
         light_tree_destroy(&self->tree);
         free(self->sky);
     }
@@ -294,21 +298,16 @@ static uint32_t choose_near(const lights_t *lights, vec3_t point, float *choice)
 {
     float chance;
     if (lights->tree == NULL) return alias_sample(&lights->alias, choice);
-    if (*choice >= lights->everywhere) {
-        *choice = (*choice - lights->everywhere) / (1 - lights->everywhere);
-        return light_tree_choose(lights->tree, point, choice, &chance);
-    }
-    uint32_t k = 0;
-    for (; k + 1 < lights->sky_count && *choice >= power_chance(lights, lights->sky[k]); k++)
-        *choice -= power_chance(lights, lights->sky[k]);
-    *choice = float_min(*choice / power_chance(lights, lights->sky[k]), 0x1.fffffep-1f);
-    return lights->sky[k];
+    bool far = *choice < lights->far_share;
+    *choice = far ? *choice / lights->far_share : (*choice - lights->far_share) / (1 - lights->far_share);
+    *choice = float_min(*choice, 0x1.fffffep-1f);
+    return far ? alias_sample(&lights->far, choice) : light_tree_choose(lights->tree, point, choice, &chance);
 }
 
 float lights_nearness(const lights_t *lights, uint32_t number, vec3_t point)
 {
     if (lights->tree == NULL || kinds[lights->lights[number].record->kind]->box == NULL) return 1;
-    return light_tree_chance(lights->tree, number, point) * (1 - lights->everywhere) /
+    return light_tree_chance(lights->tree, number, point) * (1 - lights->far_share) /
            power_chance(lights, number);
 }
 

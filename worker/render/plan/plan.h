@@ -11,7 +11,8 @@
 typedef struct plan plan_t;
 
 /* What a job that learns needs before its first sample: places for the lessons of lights, and how bright the
- * picture is where. The setup stays the caller's; `brightness` is for it to point to, too. */
+ * picture is where. The setup stays the caller's; `brightness` is for it to point to, and so is what is
+ * returned: where caustics are, or NULL. */
 caustics_t *plan_prepare(setup_t *setup, lights_t *lights, const integrator_ops_t *integrator,
                          float inverse_brightness[BRIGHTNESS_SIDE * BRIGHTNESS_SIDE]);
 /* The setup of a pass whose plan this is. `setup` is the one that was prepared; it must outlive the plan. */
