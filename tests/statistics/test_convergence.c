@@ -219,7 +219,7 @@ static void images_that_learn_are_right_on_average(void **state)
 static void adaptive_images_are_better(void **state)
 {
     (void)state;
-    enum { SIDE = 48, SEEDS = 2 };
+    enum { SIDE = 64, SEEDS = 3 };
     test_scene_t scene = lamp_scene(SIDE, 0.25f, 0.3f, false);
     job_settings_t settings = one_strategy(&scene.blob, 1, 2);
     settings.spp = 1024;
