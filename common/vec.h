@@ -93,6 +93,11 @@ static inline float v_at(vec3_t a, int axis)
 {
     return axis == 0 ? a.x : axis == 1 ? a.y : a.z;
 }
+/* The number of the largest coordinate, the first of several. */
+static inline int v_longest(vec3_t a)
+{
+    return a.x >= a.y && a.x >= a.z ? 0 : a.y >= a.z ? 1 : 2;
+}
 static inline bool v_is_zero(vec3_t a)
 {
     return a.x == 0 && a.y == 0 && a.z == 0;

@@ -86,7 +86,7 @@ static void cut(caustics_t *self, uint32_t node, vec3_t *points, size_t count)
         high = v_high(high, points[i]);
     }
     vec3_t sides = v_sub(high, low);
-    int axis = sides.x >= sides.y && sides.x >= sides.z ? 0 : sides.y >= sides.z ? 1 : 2;
+    int axis = v_longest(sides);
     if (node >= REGIONS || count < 2 * LEAST || !(v_at(sides, axis) > 0)) {
         self->leaves[node] = self->count;
         self->regions[self->count++] =

@@ -42,6 +42,7 @@ typedef struct caustics_scout {
     caustics_meeting_t *met; /* [meetings] */
 } caustics_scout_t;
 
+/* Notes such a vertex, or such light; frees what was noted. */
 void caustics_scout_sight(caustics_scout_t *scout, vec3_t point);
 void caustics_scout_meeting(caustics_scout_t *scout, const caustics_meeting_t *meeting);
 void caustics_scout_free(caustics_scout_t *scout);
@@ -50,8 +51,8 @@ void caustics_scout_free(caustics_scout_t *scout);
 caustics_t *caustics_new(const caustics_scout_t *scout);
 /* Frees them and sets *caustics to NULL. */
 void caustics_destroy(caustics_t **caustics);
-/* The same regions with guides, by the lessons of a plan, [LEARNING_PLACES]; `reach` is how many
- * rays a sample is to send that are worth 1. Stands on `base`, which must outlive it. */
+/* The same regions with guides by the lessons of a plan, [LEARNING_PLACES]; `reach` is how many rays a sample
+ * is to send that are worth 1. NULL where there are no regions. */
 caustics_t *caustics_guided(const caustics_t *base, const double *lessons, double reach);
 
 /* Lessons: those of a region's cells, and two of its own, in units of 2^-bits. They have the last places. */
@@ -72,6 +73,7 @@ float caustics_rays(const caustics_t *caustics, uint32_t region, float throughpu
 /* Draws the direction of one; *pdf per steradian. False when there is none. */
 bool caustics_sample(const caustics_t *caustics, uint32_t region, vec3_t point, vec2_t u, vec3_t *w,
                      float *pdf);
+/* The density of a direction, per steradian; 0 where nothing is known. */
 float caustics_pdf(const caustics_t *caustics, uint32_t region, vec3_t point, vec3_t w);
 
 #endif

@@ -26,7 +26,8 @@ enum {
     LESSON_OWN_RAYS,    /* that this took */
     LESSON_EXCESS,      /* of squares of what is beyond LESSON_MOST */
     LESSON_OWN,         /* [block] sums of what is squared above */
-    LESSON_LIGHTS = LESSON_OWN + LESSON_BLOCKS_SIDE * LESSON_BLOCKS_SIDE /* the rest: light_guide.h */
+    LESSON_LIGHTS =
+        LESSON_OWN + LESSON_BLOCKS_SIDE * LESSON_BLOCKS_SIDE /* the rest: light_guide.h, and caustics.h */
 };
 
 /* What decides whether a pixel teaches: its lowest bits are 0 for evenly spread pixels. */

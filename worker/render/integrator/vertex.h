@@ -115,9 +115,8 @@ static inline medium_t vertex_medium(const vertex_t *vertex, vec3_t w)
 bool vertex_eval_split(const vertex_t *vertex, vec3_t w, bool delta, float pdf_place, float ratio,
                        bsdf_value_t *value, float *share);
 /* The same where a place on a light is joined to the vertex, which the camera makes with the density `seen`.
- * The densities are those without guides, and by power: what is seen does not depend on how lights are
- * chosen.
- */
+ * The densities are those without guides, and by power: what is seen does not depend on what was learned, or
+ * on what is near. */
 static inline bool vertex_split_light(const vertex_t *vertex, const light_view_t *light, float seen,
                                       bsdf_value_t *value, float *share)
 {

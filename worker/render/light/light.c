@@ -293,30 +293,38 @@ bool lights_emit(const lights_t *lights, float choice, vec2_t place, vec2_t ray,
     return true;
 }
 
-/* The light that s = 1 asks for a point. */
-static uint32_t choose_near(const lights_t *lights, vec3_t point, float *choice)
+/* What lights_nearness is of a light that the tree has this chance for. */
+static float nearness_of(const lights_t *lights, uint32_t number, float chance)
 {
-    float chance;
+    return chance * (1 - lights->far_share) / power_chance(lights, number);
+}
+
+/* The light that s = 1 asks for a point. */
+static uint32_t choose_near(const lights_t *lights, vec3_t point, float *choice, float *nearness)
+{
+    *nearness = 1;
     if (lights->tree == NULL) return alias_sample(&lights->alias, choice);
     bool far = *choice < lights->far_share;
     *choice = far ? *choice / lights->far_share : (*choice - lights->far_share) / (1 - lights->far_share);
     *choice = float_min(*choice, 0x1.fffffep-1f);
-    return far ? alias_sample(&lights->far, choice) : light_tree_choose(lights->tree, point, choice, &chance);
+    if (far) return alias_sample(&lights->far, choice);
+    float chance;
+    uint32_t number = light_tree_choose(lights->tree, point, choice, &chance);
+    *nearness = nearness_of(lights, number, chance);
+    return number;
 }
 
 float lights_nearness(const lights_t *lights, uint32_t number, vec3_t point)
 {
     if (lights->tree == NULL || kinds[lights->lights[number].record->kind]->box == NULL) return 1;
-    return light_tree_chance(lights->tree, number, point) * (1 - lights->far_share) /
-           power_chance(lights, number);
+    return nearness_of(lights, number, light_tree_chance(lights->tree, number, point));
 }
 
-/* `times`: how many such places there are. */
-static bool ask(const lights_t *lights, uint32_t number, float times, vec3_t point, float choice,
-                vec2_t place, light_view_t *out)
+/* `nearness`: lights_nearness; `times`: how many such places there are. */
+static bool ask(const lights_t *lights, uint32_t number, float nearness, float times, vec3_t point,
+                float choice, vec2_t place, light_view_t *out)
 {
     const light_t *light = &lights->lights[number];
-    float nearness = lights_nearness(lights, number, point);
     *out = (light_view_t){.light = number, .view_ratio = light->view_ratio * nearness, .nearness = nearness};
     if (!kinds[light->record->kind]->illuminate(light, choice, point, place, out)) return false;
     out->density = out->pdf_place * out->view_ratio * times;
@@ -325,8 +333,9 @@ static bool ask(const lights_t *lights, uint32_t number, float times, vec3_t poi
 
 bool lights_illuminate(const lights_t *lights, vec3_t point, float choice, vec2_t place, light_view_t *out)
 {
-    uint32_t number = choose_near(lights, point, &choice);
-    return ask(lights, number, 1, point, choice, place, out);
+    float nearness;
+    uint32_t number = choose_near(lights, point, &choice, &nearness);
+    return ask(lights, number, nearness, 1, point, choice, place, out);
 }
 
 uint32_t lights_first_count(const lights_t *lights)
@@ -356,8 +365,10 @@ bool lights_illuminate_first(const lights_t *lights, uint32_t k, vec3_t point, f
     const asked_t *asked = &lights->asked[k];
     place = (vec2_t){shift(place.x, asked->shift), shift(place.y, asked->shift)};
     choice = shift(choice, asked->shift);
-    uint32_t number = asked->light != ANY_LIGHT ? asked->light : choose_near(lights, point, &choice);
-    return ask(lights, number, lights_first_times(lights, number), point, choice, place, out);
+    float nearness = 1;
+    uint32_t number =
+        asked->light != ANY_LIGHT ? asked->light : choose_near(lights, point, &choice, &nearness);
+    return ask(lights, number, nearness, lights_first_times(lights, number), point, choice, place, out);
 }
 
 /* What is known of a hit before its kind of light is asked, */

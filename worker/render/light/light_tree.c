@@ -25,16 +25,17 @@ struct light_tree {
 
 /* ---- making one ---------------------------------------------------------------------------------------- */
 
-static float middle(const light_box_t *box, int axis)
+/* Twice the middle of a box. */
+static vec3_t middle(const light_box_t *box)
 {
-    return v_at(box->low, axis) + v_at(box->high, axis);
+    return v_add(box->low, box->high);
 }
 
 /* Along an axis; what lies at the same place, by its number. */
 static int box_order(const void *a, const void *b, void *axis)
 {
     const light_box_t *u = a, *v = b;
-    float at_u = middle(u, *(int *)axis), at_v = middle(v, *(int *)axis);
+    float at_u = v_at(middle(u), *(int *)axis), at_v = v_at(middle(v), *(int *)axis);
     if (at_u != at_v) return at_u < at_v ? -1 : 1;
     return u->light < v->light ? -1 : u->light > v->light;
 }
@@ -42,20 +43,12 @@ static int box_order(const void *a, const void *b, void *axis)
 /* The axis along which the middles of the boxes are spread most. */
 static int longest_axis(const light_box_t *boxes, uint32_t count)
 {
-    int longest = 0;
-    float most = -1;
-    for (int axis = 0; axis < 3; axis++) {
-        float low = middle(&boxes[0], axis), high = low;
-        for (uint32_t i = 1; i < count; i++) {
-            low = float_min(low, middle(&boxes[i], axis));
-            high = float_max(high, middle(&boxes[i], axis));
-        }
-        if (high - low > most) {
-            most = high - low;
-            longest = axis;
-        }
+    vec3_t low = middle(&boxes[0]), high = low;
+    for (uint32_t i = 1; i < count; i++) {
+        low = v_low(low, middle(&boxes[i]));
+        high = v_high(high, middle(&boxes[i]));
     }
-    return longest;
+    return v_longest(v_sub(high, low));
 }
 
 /* Fills the next node, and those below it; returns its number. */

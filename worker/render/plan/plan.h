@@ -1,5 +1,5 @@
 /* plan: what the lessons of earlier passes make of a renderer's setup (common/film/learning.h, lessons.h):
- * where light subpaths start, and how many samples have one.
+ * where light subpaths start, how many samples have one, and where caustics are sought.
  */
 #ifndef LIGHTMILL_RENDER_PLAN_H
 #define LIGHTMILL_RENDER_PLAN_H
