@@ -164,9 +164,9 @@ static void join_camera(half_t *b, const vertex_t *y)
     if (!sample_join_camera(b->sample, vertex_point(y), y->dimension, &view) || !vertex_eval(y, view.w, &fy))
         return;
     float r = view.density * vertex_area_cosine(y, view.w);
-    float direct = b->path.view_ratio * light_count(b->setup, b->path.source, true);
+    float direct = b->path.last / later_light_worth * first_light_count(b->setup, b->path.source);
     float count = strategy_count(y, direct);
-    float weight = weight_of(b, mis_share_counted(y, r, fy.pdf_rev, count));
+    float weight = weight_of(b, mis_share_counted(y, r, fy.pdf_rev, count) / square(splat_worth));
     float factor = vertex_cosine(y, view.w) * vertex_adjoint(y, view.w) * view.density;
     rgb_t value = v_scale(v_mul(y->throughput, fy.f), factor * weight);
     if (v_is_zero(value)) return;
@@ -209,8 +209,9 @@ static void hit_lights(half_t *b, const walk_t *walk, const vertex_t *z)
     for (uint32_t k = 0; k < vertex_light_count(z, b->setup->lights); k++) {
         light_hit_t hit;
         if (!vertex_light_hit(z, b->setup->lights, k, walk->point, &hit)) continue;
-        float count = hit.view_ratio * light_count(b->setup, hit.light, walk->first);
-        float share = z->depth == 1 ? 0 : mis_share_counted(z, hit.pdf_place, hit.pdf_ray, count);
+        float count = walk->first ? first_light_count(b->setup, hit.light) : later_light_worth;
+        float share =
+            z->depth == 1 ? 0 : mis_share_counted(z, hit.pdf_place, hit.pdf_ray, count * hit.view_ratio);
         float weight = weight_of(b, share);
         if (caustic) weight *= walk->left;
         rgb_t value = v_scale(v_mul(z->throughput, hit.radiance), weight);
@@ -231,10 +232,10 @@ static void join_light(half_t *b, const vertex_t *z, uint32_t k)
     if (!vertex_view_light(z, b->sample, k, &light)) return;
     float r_eye = light.arrival * vertex_area_cosine(z, light.w);
     if (vertex_eval(z, light.w, &fz)) {
-        float counted = z->first ? first_light_worth * light.density : light.density;
+        float counted = light.density * (z->first ? first_light_worth : later_light_worth);
         float light_share = light.delta ? 0 : square(fz.pdf * light.geometry / counted);
-        float eye_share =
-            mis_share_counted(z, r_eye, fz.pdf_rev, strategy_count(z, 1)) * square(light.pdf_place / counted);
+        float eye_share = mis_share_counted(z, r_eye, fz.pdf_rev, strategy_count(z, splat_worth)) *
+                          square(light.pdf_place / counted);
         weight = weight_of(b, light_share + eye_share);
     } else if (z->depth > 1 || !vertex_split_light(z, &light, 1 / sqrtf(z->inv_p2), &fz, &weight)) {
         return;
@@ -262,9 +263,8 @@ static void join_vertices(half_t *b, const vertex_t *z, const light_choice_t *ch
     if (!vertex_eval(z, w, &fz) || !vertex_eval(y, back, &fy)) return;
     float r_light = fz.pdf * vertex_area_cosine(y, w) / distance2;
     float r_eye = fy.pdf * vertex_area_cosine(z, w) / distance2;
-    float light_share =
-        mis_share_counted(y, r_light, fy.pdf_rev, strategy_count(y, choice->path->view_ratio));
-    float eye_share = mis_share_counted(z, r_eye, fz.pdf_rev, strategy_count(z, 1));
+    float light_share = mis_share_counted(y, r_light, fy.pdf_rev, strategy_count(y, choice->path->last));
+    float eye_share = mis_share_counted(z, r_eye, fz.pdf_rev, strategy_count(z, splat_worth));
     float weight = weight_of(b, (light_share + eye_share) / square(inner_worth)) * choice->factor;
     float factor = vertex_cosine(z, w) * vertex_cosine(y, w) * vertex_adjoint(y, back) / distance2 * weight;
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), v_mul(y->throughput, fy.f));
@@ -317,9 +317,10 @@ static void join_eye_vertex(half_t *b, const vertex_t *z)
  * subpath; the two chains begin there. */
 static float merging_weight(const half_t *b, const vertex_t *z, const photon_t *y, const bsdf_value_t *fz)
 {
-    float count = y->depth == 1 ? light_count(b->setup, y->light, z->first) : 1;
+    bool first = y->depth == 1 && z->first;
+    float count = first ? first_light_count(b->setup, y->light) / later_light_worth : 1;
     float light = square(count) * y->direct + square(fz->pdf) * y->inner;
-    float eye = square(strategy_count(z, 1)) * z->direct + square(fz->pdf_rev) * z->inner;
+    float eye = square(strategy_count(z, splat_worth)) * z->direct + square(fz->pdf_rev) * z->inner;
     return 1 / (1 + (light + eye) / z->merging);
 }
 
@@ -386,10 +387,11 @@ static void meet_caustic(half_t *b, const vertex_t *y)
     }
 }
 
-/* Enters the light subpath into the pool, now that its first vertex says how s = 1 would have drawn it. */
+/* Enters the light subpath into the pool, now that its first vertex says how often s = 1 would have drawn it.
+ */
 static void begin_path(half_t *b, const walk_t *walk)
 {
-    b->path.view_ratio = walk->view_ratio;
+    b->path.last = walk->last;
     light_pool_add_path(b->sample->pool, &b->path);
 }
 

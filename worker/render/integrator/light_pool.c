@@ -143,7 +143,7 @@ void light_pool_add(light_pool_t *pool, const vertex_t *vertex)
     group->n[0][lane] = n.x, group->n[1][lane] = n.y, group->n[2][lane] = n.z;
     group->through[lane] = passes(vertex);
     group->level[lane] = level;
-    group->share[lane] = estimated_share(vertex, strategy_count(vertex, path->view_ratio));
+    group->share[lane] = estimated_share(vertex, strategy_count(vertex, path->last));
     group->depth[lane] = (float)vertex->depth;
     keep_vertex(pool, vertex);
     pool->path_of[pool->count++] = (uint8_t)(pool->path_count - 1);
@@ -193,7 +193,7 @@ static bool look(light_pool_t *pool, const vertex_t *z, const light_wish_t *wish
     int start = int_min((int)place, stride - 1);
     *u = place - (float)start;
     *l = (look_t){.start = start, .stride = stride, .end = groups};
-    float share = wish->weighted ? estimated_share(z, strategy_count(z, 1)) : 0;
+    float share = wish->weighted ? estimated_share(z, strategy_count(z, splat_worth)) : 0;
     float through = passes(z), counts[LANES] = {0}, possible = 0;
     vec3_t p = vertex_point(z), n = facing_normal(z);
     for (int i = start; i < groups; i += stride)

@@ -32,8 +32,8 @@ enum {
 
 /* A light subpath. */
 typedef struct {
-    uint32_t source;  /* the light it starts from, */
-    float view_ratio; /* of its place there (light_ray_t) */
+    uint32_t source; /* the light it starts from, */
+    float last;      /* as in walk_t, where it arrived first */
     bool teaches;
     float density;       /* of its start, */
     uint32_t lessons[2]; /* whose places these are (light_ray_t); if it teaches */

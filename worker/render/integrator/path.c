@@ -48,7 +48,7 @@ static rgb_t emitted(sample_t *sample, const walk_t *walk, const vertex_t *z)
                             ? 1
                             : v_length2(v_sub(vertex_point(z), walk->point)) / vertex_area_cosine(z, z->wo);
         bool found = z->depth > 1 && walk->joinable;
-        float count = hit.view_ratio * light_count(setup, hit.light, walk->first);
+        float count = hit.view_ratio * (walk->first ? first_light_count(setup, hit.light) : 1);
         float weight = found ? power_heuristic(walk->pdf, count * hit.pdf_place * measure) : 1;
         rgb_t radiance = v_scale(hit.radiance, weight);
         sum = v_add(sum, radiance);

@@ -144,7 +144,7 @@ static void chunk_add(chunk_t *chunk, const vertex_t *y, const walk_t *walk)
         chunk->points = mem_realloc(chunk->points, chunk->capacity * sizeof *chunk->points);
         chunk->photons = mem_realloc(chunk->photons, chunk->capacity * sizeof *chunk->photons);
     }
-    float count = strategy_count(y, walk->view_ratio); /* as in bdpt.c */
+    float count = strategy_count(y, walk->last); /* as in bdpt.c */
     chunk->points[chunk->count] = vertex_point(y);
     chunk->photons[chunk->count++] = (photon_t){.wo = y->wo,
                                                 .throughput = y->throughput,

@@ -30,7 +30,7 @@ void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
         return;
     }
     if (walk->depth == 1 && walk->mode == TRANSPORT_IMPORTANCE)
-        walk->view_ratio *= lights_nearness(sample->setup->lights, walk->light, vertex_point(vertex));
+        walk->last *= lights_nearness(sample->setup->lights, walk->light, vertex_point(vertex));
     if (walk->gated) enter_portal(walk, sample, vertex);
     if (medium_absorbs(&walk->medium))
         vertex->throughput =

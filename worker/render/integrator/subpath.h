@@ -80,13 +80,13 @@ typedef struct {
     float pdf_rev;       /* of the way back at vertex i - 1: q_{i-1} */
     float direct, inner; /* of vertex i - 1, were it not specular */
     uint32_t light;      /* that a light subpath starts from */
-    float view_ratio;    /* and of its place there (light_ray_t), as the first vertex sees it, on arrival
-                            there; 1 for an eye subpath */
-    bool gated;          /* vertex i - 1 is at infinity, beyond the portal of its light */
-    bool joinable;       /* vertex i - 1 is not specular */
-    bool parallel;       /* vertex i - 1 is at infinity, or the camera orthographic */
-    bool scattered;      /* by something that is not specular */
-    bool first;          /* as of vertex i - 1 */
+    float last;     /* of strategy_count; of s = 1 with view_ratio (light_ray_t) in it, as the first vertex
+                       sees it, on arrival there */
+    bool gated;     /* vertex i - 1 is at infinity, beyond the portal of its light */
+    bool joinable;  /* vertex i - 1 is not specular */
+    bool parallel;  /* vertex i - 1 is at infinity, or the camera orthographic */
+    bool scattered; /* by something that is not specular */
+    bool first;     /* as of vertex i - 1 */
     /* Of an eye subpath: where it last scattered by something that is not specular, if rays to caustics
      * (caustics.h) may be sent from there; and the part of what it runs into from there by way of specular
      * vertices that is left to it, since such rays find it, too. */
@@ -94,21 +94,21 @@ typedef struct {
     float left;
 } walk_t;
 
-/* Strata do more for the places that the first vertex draws on lights than for what the other strategies
- * draw, which the power heuristic does not know. In weights each such place counts as so many (measured:
- * docs/performance.md). */
+/* In weights a strategy counts as so many samples, since the power heuristic does not know how evenly samples
+ * are spread, or how much alike they are (all measured: docs/performance.md). Strata do most for the places
+ * that the first vertex draws on lights, less further down, and least for where splats fall. */
 static const float first_light_worth = 1.5f;
+static const float later_light_worth = 0.5f;
+static const float splat_worth = 0.7f;
 
-/* How many places s = 1 counts as drawing for one of lights_illuminate on this light, in weights. `first`:
- * the eye vertex that it joins is. */
-static inline float light_count(const setup_t *setup, uint32_t light, bool first)
+/* How many places s = 1 counts as drawing at the first vertex for one of lights_illuminate on this light. */
+static inline float first_light_count(const setup_t *setup, uint32_t light)
 {
-    return first ? first_light_worth * lights_first_times(setup->lights, light) : 1;
+    return first_light_worth * lights_first_times(setup->lights, light);
 }
 
 /* Eye vertices choose whom of a whole block's light vertices they are joined to (light_pool.h), which makes s
- * >= 2, t >= 2 far better than one random light vertex would be. In weights each such strategy counts as so
- * many (measured: docs/performance.md). */
+ * >= 2, t >= 2 far better than one random light vertex would be. */
 static const float inner_worth = 16;
 
 /* How many the strategy that joins the vertex to the one before it counts as: `last` where that is vertex 0,
@@ -133,7 +133,7 @@ static inline walk_t walk_from_camera(sample_t *sample, roulette_t roulette)
                     .cosine = 1,
                     .throughput = vec3(1, 1, 1),
                     .pdf = ray.pdf,
-                    .view_ratio = 1,
+                    .last = splat_worth,
                     .seeks = CAUSTICS_NOWHERE,
                     .joinable = ray.joinable,
                     .parallel = ray.parallel}; /* direct 0: nothing runs into a camera */
@@ -160,7 +160,7 @@ static inline bool walk_from_light(const sample_t *sample, roulette_t roulette, 
                      .pdf = ray->pdf_ray,
                      .direct = ray->delta ? 0 : 1 / square(ray->pdf_place),
                      .light = ray->light,
-                     .view_ratio = ray->view_ratio,
+                     .last = later_light_worth * ray->view_ratio,
                      .gated = ray->gate > 0,
                      .joinable = true,
                      .parallel = ray->at_infinity};
@@ -190,8 +190,7 @@ static inline bool walk_weigh(walk_t *walk, vertex_t *vertex)
     vertex->direct = walk->joinable ? vertex->inv_p2 : 0;
     vertex->merging = 0;
     vertex->inner = square(walk->cosine / distance2) * vertex->inv_p2 * chain;
-    /* Of the first vertex of a light subpath: s = 1 draws the light's places with another density. */
-    walk->direct = square(strategy_count(vertex, walk->view_ratio)) * vertex->direct;
+    walk->direct = square(strategy_count(vertex, walk->last)) * vertex->direct;
     walk->inner = vertex->inner;
     return vertex->kind == VERTEX_SKY || (p > 0x1p-60f && p < 0x1p60f);
 }

@@ -34,7 +34,7 @@ typedef struct {
 
 struct distribution {
     uint32_t width, height; /* in cells */
-    uint32_t side;          /* of a block: a power of two */
+    uint32_t side, shift;   /* of a block: a power of two, and which */
     uint32_t across, down;  /* blocks */
     uint32_t column_buckets, row_buckets;
     double total;
@@ -101,6 +101,7 @@ static distribution_t *allocate(uint32_t width, uint32_t height)
     *d = (distribution_t){.width = width,
                           .height = height,
                           .side = side,
+                          .shift = 31 - (uint32_t)__builtin_clz(side),
                           .across = across,
                           .down = down,
                           .column_buckets = power_below(across),
@@ -274,10 +275,10 @@ vec2_t distribution_sample(const distribution_t *d, vec2_t u, float *pdf)
 
 float distribution_pdf(const distribution_t *d, vec2_t at)
 {
-    uint32_t x = cell_of(at.x, d->width), y = cell_of(at.y, d->height), side = d->side;
-    size_t block = (size_t)(y / side) * d->across + x / side;
+    uint32_t x = cell_of(at.x, d->width), y = cell_of(at.y, d->height), rest = d->side - 1;
+    size_t block = (size_t)(y >> d->shift) * d->across + (x >> d->shift);
     const cell_t *table = table_of(d, block);
-    return table != NULL ? table[side + (size_t)(y % side) * side + x % side].density
+    return table != NULL ? table[d->side + ((size_t)(y & rest) << d->shift) + (x & rest)].density
                          : d->columns[block].density;
 }
 
@@ -296,15 +297,15 @@ static float part_at(float at, uint32_t cell, uint32_t count)
 
 vec2_t distribution_numbers(const distribution_t *d, vec2_t at)
 {
-    uint32_t x = cell_of(at.x, d->width), y = cell_of(at.y, d->height), side = d->side;
-    uint32_t outer_x = x / side, outer_y = y / side;
+    uint32_t x = cell_of(at.x, d->width), y = cell_of(at.y, d->height), rest = d->side - 1;
+    uint32_t outer_x = x >> d->shift, outer_y = y >> d->shift;
     size_t start = (size_t)outer_y * d->across;
     const cell_t *table = table_of(d, start + outer_x);
     vec2_t part = {part_at(at.x, outer_x, d->across), part_at(at.y, outer_y, d->down)};
     if (table != NULL) {
-        const cell_t *row = table + side + (size_t)(y % side) * side;
-        part.x = revert(row, x % side, part_at(at.x, x, d->width));
-        part.y = revert(table, y % side, part_at(at.y, y, d->height));
+        const cell_t *row = table + d->side + ((size_t)(y & rest) << d->shift);
+        part.x = revert(row, x & rest, part_at(at.x, x, d->width));
+        part.y = revert(table, y & rest, part_at(at.y, y, d->height));
     }
     return (vec2_t){revert(d->columns + start, outer_x, part.x), revert(d->rows, outer_y, part.y)};
 }
