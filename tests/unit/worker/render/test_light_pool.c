@@ -56,7 +56,7 @@ static light_pool_t *make_pool(sampler_t *sampler, vertex_t *vertices, int count
     light_pool_t *pool = light_pool_new();
     light_pool_reset(pool, POOL_PIXELS);
     for (int i = 0; i < count; i++) {
-        light_path_t path = {.source = (uint32_t)i / 3, .view_ratio = 1};
+        light_path_t path = {.source = (uint32_t)i / 3, .last = 1};
         if (i % 3 == 0) light_pool_add_path(pool, &path);
         vertices[i] = random_vertex(sampler, 1 + i % 3);
         light_pool_add(pool, &vertices[i]);
