@@ -118,6 +118,8 @@ static result_t check_scene(const scene_blob_t *blob)
     CHECK(rgb_is_valid(scene->occlusion_radiance),
           "the radiance of ambient occlusion is negative or infinite");
     CHECK(scene->regularize <= 1, "regularize must be 0 or 1");
+    CHECK(ref_is_valid(scene->medium, blob->counts[BLOB_SECTION_MEDIA]), "the camera stands in no medium %u",
+          scene->medium);
     job_settings_t settings = blob_default_settings(blob);
     result_t checked = job_settings_check(&settings);
     CHECK(checked.code == RESULT_OK, "%s", checked.message);
@@ -266,6 +268,19 @@ static result_t check_curves(const scene_blob_t *blob)
     return result_ok();
 }
 
+static result_t check_interface(const scene_blob_t *blob, const blob_shape_t *shape, unsigned long long id)
+{
+    uint64_t media = blob->counts[BLOB_SECTION_MEDIA];
+    bool parts = (shape->flags & SHAPE_INTERFACE) != 0;
+    CHECK(ref_is_valid(shape->media[0], parts ? media : 0) &&
+              ref_is_valid(shape->media[1], parts ? media : 0),
+          "shape %llu: parts media that it cannot part", id);
+    CHECK(blob->materials[shape->material].kind != MATERIAL_INTERFACE ||
+              (parts && shape->light == BLOB_NONE && shape->kind != SHAPE_CURVES),
+          "shape %llu: is nothing but the border of media, which such a shape cannot be", id);
+    return result_ok();
+}
+
 static result_t check_shapes(const scene_blob_t *blob)
 {
     static const blob_section_t sections[] = {[SHAPE_MESH] = BLOB_SECTION_MESHES,
@@ -293,6 +308,7 @@ static result_t check_shapes(const scene_blob_t *blob)
               "shape %llu: is no mesh, and has the bumps of one", id);
         CHECK(shape->name < blob->counts[BLOB_SECTION_STRINGS],
               "shape %llu: its name lies outside the strings", id);
+        TRY(check_interface(blob, shape, id));
         CHECK(value_is_valid(&shape->alpha, textures) && value_is_valid(&shape->shadow_alpha, textures),
               "shape %llu: its alpha is not finite or has no such texture", id);
     }
@@ -427,6 +443,8 @@ static result_t check_lights(const scene_blob_t *blob)
         CHECK(all_finite(light->parameters, 4), "light %llu: its parameters are not finite", id);
         CHECK(ref_is_valid(light->image, blob->counts[BLOB_SECTION_IMAGES]), "light %llu: no image %u", id,
               light->image);
+        CHECK(ref_is_valid(light->medium, light->kind < LIGHT_DISTANT ? blob->counts[BLOB_SECTION_MEDIA] : 0),
+              "light %llu: shines into no medium %u", id, light->medium);
         CHECK((light->flags & (LIGHT_UNSEEN | LIGHT_PICTURE)) == 0 || light->kind == LIGHT_AREA,
               "light %llu: only area lights are unseen, or pictures", id);
         if (light->kind == LIGHT_AREA) {

@@ -1,6 +1,6 @@
-/* blob_check_tables: what the tables of BSDFs may say (see blob_layout.h). Samplers search sums that ascend
- * and divide by widths that are not 0; nothing that is read lies outside. Tables own their sums, which follow
- * one another, so that the checks are linear in the blob's size. */
+/* blob_check_tables: what the tables of BSDFs and of media may say (see blob_layout.h). Samplers search sums
+ * that ascend and divide by widths that are not 0; nothing that is read lies outside. Tables own their sums,
+ * which follow one another, so that the checks are linear in the blob's size. */
 #include "common/scene/blob_layout.h"
 
 /* As range_inside, for a range that follows others, which end at *next; moves this on. */
@@ -157,6 +157,43 @@ static result_t check_measured(const scene_blob_t *blob, const blob_measured_t *
     return result_ok();
 }
 
+/* ---- media --------------------------------------------------------------------------------------------- */
+
+static bool is_rate(rgb_t c)
+{
+    const float largest = 1e9f; /* so that no sum of products overflows */
+    return c.x >= 0 && c.x <= largest && c.y >= 0 && c.y <= largest && c.z >= 0 && c.z <= largest;
+}
+
+static result_t check_density(const scene_blob_t *blob, const blob_medium_t *medium, ends_t *ends,
+                              unsigned long long id)
+{
+    const uint32_t *n = medium->cells;
+    xform_t inverse;
+    CHECK(n[0] > 0 && n[0] <= BLOB_MAX_GRID_SIDE && n[1] > 0 && n[1] <= BLOB_MAX_GRID_SIDE && n[2] > 0 &&
+              n[2] <= BLOB_MAX_GRID_SIDE,
+          "medium %llu: its grid has %u x %u x %u cells", id, n[0], n[1], n[2]);
+    uint64_t cells = (uint64_t)n[0] * n[1] * n[2];
+    CHECK(follows(medium->first_density, cells, blob->counts[BLOB_SECTION_NUMBERS], &ends->number) &&
+              are_positive(blob->numbers + medium->first_density, cells),
+          "medium %llu: its densities lie outside the numbers, are another's, or are negative", id);
+    CHECK(xform_invert(&medium->world_from_grid, &inverse),
+          "medium %llu: the transform of its grid is singular or not finite", id);
+    return result_ok();
+}
+
+static result_t check_medium(const scene_blob_t *blob, const blob_medium_t *medium, ends_t *ends,
+                             unsigned long long id)
+{
+    CHECK(medium->name < blob->counts[BLOB_SECTION_STRINGS], "medium %llu: its name lies outside the strings",
+          id);
+    CHECK(is_rate(medium->absorption) && is_rate(medium->scattering) && is_rate(medium->emission),
+          "medium %llu: a coefficient is negative, too large, or not finite", id);
+    CHECK(medium->g > -1 && medium->g < 1, "medium %llu: its g must be between -1 and 1", id);
+    bool even = medium->cells[0] == 0 && medium->cells[1] == 0 && medium->cells[2] == 0;
+    return even ? result_ok() : check_density(blob, medium, ends, id);
+}
+
 result_t blob_check_tables(const scene_blob_t *blob)
 {
     ends_t ends = {0, 0};
@@ -166,5 +203,8 @@ result_t blob_check_tables(const scene_blob_t *blob)
     ends.number = 0; /* of these no table of the other kind is read */
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_MEASUREMENTS]; i++)
         TRY(check_measured(blob, &blob->measurements[i], &ends, i));
+    ends.number = 0;
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_MEDIA]; i++)
+        TRY(check_medium(blob, &blob->media[i], &ends, i));
     return result_ok();
 }

@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-enum { BLOB_VERSION = 5 };
+enum { BLOB_VERSION = 6 };
 #define BLOB_NONE 0xFFFFFFFFu
 #define BLOB_MAX_BYTES ((uint64_t)1 << 36)
 enum {
@@ -21,7 +21,8 @@ enum {
     LENS_PUPILS = 64,
     BLOB_MAX_FOURIER_NODES = 1024,
     BLOB_MAX_FOURIER_ORDER = 16384, /* terms of a series */
-    BLOB_MAX_MEASURED_SIDE = 4096
+    BLOB_MAX_MEASURED_SIDE = 4096,
+    BLOB_MAX_GRID_SIDE = 4096 /* of a medium */
 };
 
 typedef enum {
@@ -42,13 +43,14 @@ typedef enum {
     BLOB_SECTION_IMAGES,       /* blob_image_t */
     BLOB_SECTION_TEXELS,       /* 32-bit words, the pixels of the images */
     BLOB_SECTION_MATERIALS,    /* blob_material_t; a mix refers only to materials before it */
+    BLOB_SECTION_MEDIA,        /* blob_medium_t */
     BLOB_SECTION_LIGHTS,       /* blob_light_t */
     BLOB_SECTION_LENS,         /* blob_lens_element_t, of CAMERA_REALISTIC, from the scene to the film */
     BLOB_SECTION_PUPILS,       /* blob_pupil_t, LENS_PUPILS of CAMERA_REALISTIC, else none */
     BLOB_SECTION_FOURIERS,     /* blob_fourier_t */
     BLOB_SECTION_SERIES,       /* blob_series_t */
     BLOB_SECTION_MEASUREMENTS, /* blob_measured_t */
-    BLOB_SECTION_NUMBERS,      /* float, of the tables of BSDFs; at most 1e9 in size */
+    BLOB_SECTION_NUMBERS,      /* float, of the tables of BSDFs and of media; at most 1e9 in size */
     BLOB_SECTION_STRINGS,      /* char, NUL-terminated names; offset 0 is the empty string */
     BLOB_SECTION_COUNT
 } blob_section_t;
@@ -111,6 +113,7 @@ typedef struct {
     float occlusion_distance; /* of the integrator ao: what is farther hides nothing; may be INFINITY */
     rgb_t occlusion_radiance; /* what it shows where nothing is hidden */
     uint32_t regularize; /* 1: near-specular lobes are roughened behind the first scattering that is not */
+    blob_ref_t medium;   /* the camera stands in it; of the media */
 } blob_scene_t;
 
 /* One surface of a lens, in units of camera space. */
@@ -190,8 +193,9 @@ typedef enum { SHAPE_MESH = 1, SHAPE_QUADRIC = 2, SHAPE_CURVES = 3 } shape_kind_
  * the geometric normal disagree about its side or the camera's, as in pbrt-v3.
  * SHAPE_BUMPS_V3, of meshes alone: where there are vertex normals, bump maps stand on unit vectors along
  * -dp/du and -dp/dv.
+ * SHAPE_INTERFACE: it parts two media. Behind any other shape the medium is that before it.
  */
-enum { SHAPE_FLIP = 1, SHAPE_CUTOUT = 2, SHAPE_BUMPS_V3 = 4, SHAPE_NORMALS_V3 = 8 };
+enum { SHAPE_FLIP = 1, SHAPE_CUTOUT = 2, SHAPE_BUMPS_V3 = 4, SHAPE_NORMALS_V3 = 8, SHAPE_INTERFACE = 16 };
 
 /* ---- values and textures ------------------------------------------------------------------------------- */
 
@@ -211,6 +215,8 @@ typedef struct {
     uint32_t name;             /* offset in the strings: where the shape comes from, "file:line" */
     blob_value_t alpha;        /* opacity; factor 1 without texture: opaque. Not of curves */
     blob_value_t shadow_alpha; /* the same, for shadow rays alone and on top of alpha */
+    blob_ref_t media[2];       /* of SHAPE_INTERFACE: on the side away from the normal, on that of the normal;
+                                  0: empty space */
 } blob_shape_t;
 
 typedef struct {
@@ -395,6 +401,8 @@ typedef enum {
     MATERIAL_WARD,                 /* Mitsuba's [REFLECTANCE, SPECULAR, ROUGHNESS]; the model of 1992 ... */
     MATERIAL_WARD_DUER,            /* ... that of 2006 ... */
     MATERIAL_WARD_BALANCED,        /* ... and that of 2010 */
+    MATERIAL_INTERFACE,            /* []: nothing but the border of media; light goes straight through. Its
+                                      shapes are SHAPE_INTERFACE, do not emit, and are no curves */
     MATERIAL_KIND_END
 } material_kind_t;
 
@@ -424,6 +432,22 @@ typedef struct {
     float coat_normal_scale;
     blob_value_t values[MATERIAL_VALUES];
 } blob_material_t;
+
+/* ---- media --------------------------------------------------------------------------------------------- */
+
+/* What fills space and scatters, absorbs or emits light: evenly, or by a density in a grid. Its cells are
+ * those of the unit cube of the grid's own space, x varying fastest; between their middles the density is
+ * interpolated, beyond the outermost ones with 0, and outside of the cube there is nothing. */
+typedef struct {
+    uint32_t name;                /* offset in the strings */
+    rgb_t absorption, scattering; /* per unit length in the world, where the density is 1 */
+    rgb_t emission;               /* radiance per unit length likewise: of what absorbs, or of itself */
+    float g;                      /* of Henyey and Greenstein's phase function: from -1 to 1, backwards to
+                                     forwards, both excluded */
+    uint32_t cells[3];            /* of the grid; all 0: the density is 1 everywhere */
+    uint32_t first_density;       /* in the numbers: not negative */
+    xform_t world_from_grid;
+} blob_medium_t;
 
 /* ---- tables of BSDFs ----------------------------------------------------------------------------------- */
 
@@ -521,7 +545,9 @@ typedef struct {
     blob_value_t radiance; /* or what the kind says; only an area light's may have a texture */
     uint32_t shape;        /* of an area light: the one shape of the world that it is; else 0 */
     blob_ref_t image;
-    uint32_t mapping; /* light_mapping_t of the image */
+    blob_ref_t medium; /* that it shines into; of an area light whose shape is an interface, and of lights at
+                          infinity, 0 */
+    uint32_t mapping;  /* light_mapping_t of the image */
     xform_t world_from_light;
     float parameters[4];
     vec3_t portal[3]; /* of LIGHT_PORTAL, in the world: a corner of the rectangle and its sides a and b from

@@ -38,6 +38,7 @@ typedef struct {
     const blob_image_t *images;
     const uint32_t *texels;
     const blob_material_t *materials;
+    const blob_medium_t *media;
     const blob_light_t *lights;
     const blob_lens_element_t *lens;
     const blob_pupil_t *pupils;
