@@ -16,6 +16,7 @@ struct renderer {
     lights_t *lights;
     caustics_t *caustics; /* of a job that learns; may be NULL */
     camera_t *camera;
+    media_t *media;        /* NULL: the scene has none */
     uint8_t *light_groups; /* of each light; NULL: none */
     const integrator_ops_t *integrator;
     photons_t *photons; /* NULL: the integrator does not merge */
@@ -74,6 +75,7 @@ result_t renderer_new(const scene_blob_t *blob, const job_settings_t *settings, 
     setup->light_groups = renderer->light_groups;
     setup->settings = *settings;
     setup->camera = renderer->camera;
+    setup->media = renderer->media = media_new(blob, settings->integrator == INTEGRATOR_AO);
     setup->moves = scene_moves(renderer->scene) || camera_moves(renderer->camera);
     setup->regularizes = blob->scene->regularize != 0;
     setup->max_luminance = blob->scene->max_luminance;
@@ -124,6 +126,7 @@ void renderer_destroy(renderer_t **renderer)
     lights_destroy(&self->lights);
     caustics_destroy(&self->caustics);
     free(self->camera);
+    media_destroy(&self->media);
     free(self->light_groups);
     scene_destroy(&self->scene);
     free(self);

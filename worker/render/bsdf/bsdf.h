@@ -119,6 +119,10 @@ typedef struct {
     uint32_t model; /* MATERIAL_WARD, MATERIAL_WARD_DUER or MATERIAL_WARD_BALANCED */
 } lobe_ward_t;
 
+typedef struct {
+    float g; /* mean cosine between the way of the light before and after */
+} lobe_phase_t;
+
 /* A table of Fourier series; `series` are the table's own. */
 typedef struct {
     const blob_fourier_t *table;
@@ -178,6 +182,7 @@ typedef struct {
         lobe_sheen_t sheen;
         lobe_phong_t phong;
         lobe_ward_t ward;
+        lobe_phase_t phase;
         lobe_fourier_t fourier;
         lobe_measured_t measured;
     };
@@ -276,6 +281,6 @@ extern const lobe_kind_t lobe_lambert, lobe_lambert_transmission, lobe_oren_naya
     lobe_coated_lambert, lobe_smooth_coat, lobe_rough_coat, lobe_smooth_layers, lobe_schlick_reflection,
     lobe_schlick_mirror, lobe_schlick_diffuse, lobe_schlick_through, lobe_schlick_straight, lobe_schlick_coat,
     lobe_schlick_coat_mirror, lobe_schlick_diffuse_through, lobe_sheen, lobe_smooth_dispersion,
-    lobe_rough_dispersion, lobe_phong, lobe_ward, lobe_fourier, lobe_measured;
+    lobe_rough_dispersion, lobe_phase, lobe_phong, lobe_ward, lobe_fourier, lobe_measured;
 
 #endif

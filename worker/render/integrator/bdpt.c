@@ -156,6 +156,12 @@ static bool survives(const half_t *b, float brightness, uint32_t dimension, uint
     return true;
 }
 
+/* What is along the way from the camera to a light vertex, where it begins. */
+static medium_t camera_medium(const half_t *b, const vertex_t *y, vec3_t w)
+{
+    return (medium_t){vertex_medium(y, w).attenuation, scene_blob(b->setup->scene)->scene->medium};
+}
+
 /* t = 1: joins a light vertex to the camera. */
 static void join_camera(half_t *b, const vertex_t *y)
 {
@@ -172,8 +178,9 @@ static void join_camera(half_t *b, const vertex_t *y)
     if (v_is_zero(value)) return;
     float brightness = setup_brightness(b->setup, view.raster.x, view.raster.y);
     if (!survives(b, brightness, y->dimension + DIMENSION_LIGHT_SURVIVE, 0, &value)) return;
-    int n = connections_add(&b->connections, view.position, vertex_exit(y, view.w), vertex_medium(y, view.w),
-                            v_length(v_sub(view.position, vertex_point(y))), value);
+    int n =
+        connections_add(&b->connections, b->setup, view.position, vertex_exit(y, view.w),
+                        camera_medium(b, y, view.w), v_length(v_sub(view.position, vertex_point(y))), value);
     b->lights[n] = b->path.source;
     b->rasters[n] = view.raster;
     b->dimensions[n] = y->dimension;
@@ -244,8 +251,8 @@ static void join_light(half_t *b, const vertex_t *z, uint32_t k)
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), light.radiance);
     if (v_is_zero(value)) return;
     if (!survives(b, b->brightness, z->dimension + DIMENSION_SURVIVE, k, &value)) return;
-    int n = connections_add(&b->connections, vertex_exit(z, light.w), light.target, vertex_medium(z, light.w),
-                            v_length(v_sub(light.target, vertex_point(z))), value);
+    int n = connections_add(&b->connections, b->setup, vertex_exit(z, light.w), light.target,
+                            vertex_medium(z, light.w), v_length(v_sub(light.target, vertex_point(z))), value);
     b->lights[n] = light.light;
     b->paths[n] = NULL;
 }
@@ -270,8 +277,8 @@ static void join_vertices(half_t *b, const vertex_t *z, const light_choice_t *ch
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), v_mul(y->throughput, fy.f));
     if (v_is_zero(value)) return;
     if (!survives(b, b->brightness, z->dimension + DIMENSION_SURVIVE, LIGHTS_FIRST_MOST + k, &value)) return;
-    int n = connections_add(&b->connections, vertex_exit(z, w), vertex_exit(y, back), vertex_medium(z, w),
-                            distance, value);
+    int n = connections_add(&b->connections, b->setup, vertex_exit(z, w), vertex_exit(y, back),
+                            vertex_medium(z, w), distance, value);
     b->lights[n] = choice->path->source;
     b->paths[n] = choice->path;
     b->dimensions[n] = z->dimension + DIMENSION_SURVIVE;
@@ -554,6 +561,7 @@ static rgb_t bdpt_eye(sample_t *sample)
         if (!walk_scatter(&walk, sample, &z)) break;
         note_seeker(&b, &walk, &seeker);
     }
+    if (b.setup->settings.strategy_t == 0) b.radiance = v_add(b.radiance, walk.glow);
     if (b.teaches) teach_eye(&b, sample->result->counts.rays - rays);
     return b.radiance;
 }

@@ -13,12 +13,14 @@
 #include "worker/render/camera/camera.h"
 #include "worker/render/camera/filter.h"
 #include "worker/render/light/light.h"
+#include "worker/render/medium/medium.h"
 
 /* Everything that stays the same during a job. */
 typedef struct {
     const scene_t *scene;
     const lights_t *lights;
     const camera_t *camera;
+    const media_t *media; /* NULL: there are none */
     filter_t filter;
     bool moves;                  /* the camera or something in the scene: samples have a time */
     bool regularizes;            /* blob_scene_t */
@@ -95,6 +97,8 @@ enum { DIMENSION_FILTER = 0, DIMENSION_LENS = 1, DIMENSION_TIME = 2, DIMENSION_L
 /* Of vertex i >= 1 of the eye subpath: a light's choice and place, the scattering, the choice of light
  * vertices, and which connections survive. */
 enum { DIMENSION_ILLUMINATE = 0, DIMENSION_SCATTER = 2, DIMENSION_CHOOSE = 4, DIMENSION_SURVIVE = 5 };
+/* Of the vertex before, how far it is to the next one in a medium: of eye subpaths the second of the pair. */
+enum { DIMENSION_DISTANCE = 4, DIMENSION_LIGHT_DISTANCE = 3 };
 /* Of the light subpath: of vertex 0 choice, place and ray; of vertex i >= 1 the scattering and whether its
  * connection survives; of either the pixel and the point of the lens that it is joined to. */
 enum {

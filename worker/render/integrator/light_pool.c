@@ -27,10 +27,11 @@ enum { CHOICES_UNKNOWN = 2 };
 /* What an eye vertex looks at, of LANES light vertices. */
 typedef struct {
     float p[3][LANES];
-    float n[3][LANES];    /* shading normal, on the side that light comes from */
-    float through[LANES]; /* 1: scatters to both sides; else 0 */
-    float level[LANES];   /* throughput x albedo; 0 in lanes without a vertex */
-    float share[LANES];   /* of the light side, over the squared geometry */
+    float n[3][LANES];       /* shading normal, on the side that light comes from */
+    float through[LANES];    /* 1: scatters to both sides; else 0 */
+    float everywhere[LANES]; /* what stands for a cosine, in a medium; else 0 */
+    float level[LANES];      /* throughput x albedo; 0 in lanes without a vertex */
+    float share[LANES];      /* of the light side, over the squared geometry */
     float depth[LANES];
     float chance[LANES];   /* of being chosen, for the eye vertex at hand, without the floor; of any scale */
     float possible[LANES]; /* 1: can contribute; else 0 */
@@ -39,6 +40,7 @@ typedef struct {
 struct light_pool {
     int pixels;
     int path_count, count, group_capacity;
+    bool in_media; /* some of the vertices are */
     light_path_t paths[POOL_PIXELS];
     group_t *groups;      /* [group_capacity] */
     uint8_t *path_of;     /* [group_capacity * LANES] */
@@ -67,6 +69,7 @@ void light_pool_reset(light_pool_t *pool, int pixels)
 {
     pool->pixels = pixels;
     pool->path_count = pool->count = 0;
+    pool->in_media = false;
     pool->used = 0;
 }
 
@@ -88,6 +91,7 @@ void light_pool_add_path(light_pool_t *pool, const light_path_t *path)
 static vec3_t facing_normal(const vertex_t *vertex)
 {
     vec3_t ns = vertex->bsdf.ns;
+    if (vertex->kind == VERTEX_MEDIUM) return vec3(0, 0, 0);
     return v_dot(vertex->wo, ns) < 0 ? v_neg(ns) : ns;
 }
 
@@ -98,6 +102,12 @@ static float passes(const vertex_t *vertex)
     for (int i = 0; i < bsdf->count; i++)
         if ((bsdf->lobes[i].kind->flags & (LOBE_TRANSMITS | LOBE_SPECULAR)) == LOBE_TRANSMITS) return 1;
     return 0;
+}
+
+/* What stands for the cosine to a surface, so that over pi it is the mean over all directions. */
+static float everywhere(const vertex_t *vertex)
+{
+    return vertex->kind == VERTEX_MEDIUM ? 0.25f : 0;
 }
 
 /* The share of the vertex's side in weights over the squared geometry, were both surfaces Lambertian. */
@@ -142,6 +152,8 @@ void light_pool_add(light_pool_t *pool, const vertex_t *vertex)
     group->p[0][lane] = p.x, group->p[1][lane] = p.y, group->p[2][lane] = p.z;
     group->n[0][lane] = n.x, group->n[1][lane] = n.y, group->n[2][lane] = n.z;
     group->through[lane] = passes(vertex);
+    group->everywhere[lane] = everywhere(vertex);
+    pool->in_media = pool->in_media || vertex->kind == VERTEX_MEDIUM;
     group->level[lane] = level;
     group->share[lane] = estimated_share(vertex, strategy_count(vertex, path->last));
     group->depth[lane] = (float)vertex->depth;
@@ -158,9 +170,10 @@ typedef struct {
     float floor, total;
 } look_t;
 
-/* Estimates what the vertices of a group bring, and adds up by lanes. */
-static void estimate(group_t *restrict group, vec3_t p, vec3_t n, float through, float share, float least,
-                     float most, float *restrict sums, float *restrict counts)
+/* Estimates what the vertices of a group bring, and adds up by lanes. `media`: some vertex lies in one. */
+static inline void estimate(group_t *restrict group, bool media, vec3_t p, vec3_t n, float through,
+                            float around, float share, float least, float most, float *restrict sums,
+                            float *restrict counts)
 {
     for (int i = 0; i < LANES; i++) {
         float dx = group->p[0][i] - p.x, dy = group->p[1][i] - p.y, dz = group->p[2][i] - p.z;
@@ -169,6 +182,11 @@ static void estimate(group_t *restrict group, vec3_t p, vec3_t n, float through,
         float at_y = -(dx * group->n[0][i] + dy * group->n[1][i] + dz * group->n[2][i]);
         at_z = at_z > 0 ? at_z : -at_z * through;
         at_y = at_y > 0 ? at_y : -at_y * group->through[i];
+        if (media) {
+            float distance = sqrtf(distance2);
+            at_z += around * distance;
+            at_y += group->everywhere[i] * distance;
+        }
         float g = at_z * at_y / (distance2 * distance2);
         float chance = group->level[i] * g / (1 + g * g * (share + group->share[i]));
         float possible = g > 0 ? 1.0f : 0.0f;
@@ -196,9 +214,13 @@ static bool look(light_pool_t *pool, const vertex_t *z, const light_wish_t *wish
     float share = wish->weighted ? estimated_share(z, strategy_count(z, splat_worth)) : 0;
     float through = passes(z), counts[LANES] = {0}, possible = 0;
     vec3_t p = vertex_point(z), n = facing_normal(z);
-    for (int i = start; i < groups; i += stride)
-        estimate(&pool->groups[i], p, n, through, share, (float)wish->least, (float)wish->most, l->lanes,
-                 counts);
+    float around = everywhere(z), least = (float)wish->least, most = (float)wish->most;
+    if (pool->in_media || around > 0)
+        for (int i = start; i < groups; i += stride)
+            estimate(&pool->groups[i], true, p, n, through, around, share, least, most, l->lanes, counts);
+    else
+        for (int i = start; i < groups; i += stride)
+            estimate(&pool->groups[i], false, p, n, through, 0, share, least, most, l->lanes, counts);
     for (int i = 0; i < LANES; i++) {
         l->total += l->lanes[i];
         possible += counts[i];

@@ -31,7 +31,7 @@ static rgb_t occlusion_sample(sample_t *sample)
 {
     const setup_t *setup = sample->setup;
     const blob_scene_t *record = scene_blob(setup->scene)->scene;
-    const medium_t vacuum = {{0, 0, 0}};
+    const medium_t vacuum = {{0, 0, 0}, 0};
     vertex_t z;
     walk_t walk = walk_from_camera(sample, roulette);
     if (sample->eye_weight == 0) return vec3(0, 0, 0);

@@ -57,28 +57,35 @@ static rgb_t emitted(sample_t *sample, const walk_t *walk, const vertex_t *z)
     return sum;
 }
 
-static rgb_t path_sample(sample_t *sample)
+/* What the walk from the camera brings from the lights. */
+static rgb_t gather(sample_t *sample, walk_t *walk)
 {
     const setup_t *setup = sample->setup;
     int segments = setup_max_segments(setup);
     rgb_t radiance = vec3(0, 0, 0);
-    walk_t walk = walk_from_camera(sample, roulette);
-    if (sample->eye_weight == 0) return radiance;
-    vec3_t eye = walk.origin;
+    vec3_t eye = walk->origin;
     for (int i = 1;; i++) {
         vertex_t z;
-        walk_arrive(&walk, sample, &z);
+        walk_arrive(walk, sample, &z);
         if (vertex_light_count(&z, setup->lights) > 0)
-            radiance = v_add(radiance, v_mul(z.throughput, emitted(sample, &walk, &z)));
+            radiance = v_add(radiance, v_mul(z.throughput, emitted(sample, walk, &z)));
         if (z.kind == VERTEX_SKY || (i >= segments && i > 1)) return radiance;
-        vertex_shade(&z, setup, walk.scattered);
+        vertex_shade(&z, setup, walk->scattered);
         if (i == 1) vertex_first_hit(&z, sample, eye);
         if (i >= segments) return radiance;
         if (vertex_is_joinable(&z) && !lights_empty(setup->lights))
             for (uint32_t k = 0; k < vertex_view_count(&z, setup->lights); k++)
-                radiance = v_add(radiance, v_mul(z.throughput, direct_light(sample, &walk, &z, k)));
-        if (!walk_scatter(&walk, sample, &z)) return radiance;
+                radiance = v_add(radiance, v_mul(z.throughput, direct_light(sample, walk, &z, k)));
+        if (!walk_scatter(walk, sample, &z)) return radiance;
     }
+}
+
+static rgb_t path_sample(sample_t *sample)
+{
+    walk_t walk = walk_from_camera(sample, roulette);
+    if (sample->eye_weight == 0) return vec3(0, 0, 0);
+    rgb_t radiance = gather(sample, &walk);
+    return v_add(radiance, walk.glow);
 }
 
 const integrator_ops_t integrator_path = {.sample = path_sample, .traces_light = false};

@@ -12,27 +12,86 @@ static void enter_portal(walk_t *walk, const sample_t *sample, vertex_t *vertex)
     walk->gated = false;
 }
 
-void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
+/* The nearest surface from a point on the walk's way on. */
+static bool look_on(const walk_t *walk, sample_t *sample, vec3_t from, vertex_t *vertex)
 {
     sample->result->counts.rays++;
     bool looks = walk->mode == TRANSPORT_RADIANCE && !walk->scattered;
-    bool hit = (looks ? scene_look : scene_intersect)(sample->setup->scene, walk->origin, walk->direction,
-                                                      sample->time, &vertex->surface);
+    return (looks ? scene_look : scene_intersect)(sample->setup->scene, from, walk->direction, sample->time,
+                                                  &vertex->surface);
+}
+
+/* The numbers for distances from the vertex before, whose numbers begin at the walk's dimension. */
+static media_numbers_t distance_numbers(const walk_t *walk, const sample_t *sample)
+{
+    uint32_t dimension = walk->dimension;
+    sampler_t side = sample_side_stream(sample, dimension);
+    uint64_t key = side.sample_key + 0xD6E8FEB86659FD93u * (dimension + 1);
+    if (walk->mode == TRANSPORT_IMPORTANCE)
+        return (media_numbers_t){sample_2d(sample, dimension + DIMENSION_LIGHT_DISTANCE).y, key};
+    return (media_numbers_t){sample_2d(sample, dimension + DIMENSION_DISTANCE).y, key};
+}
+
+/* Follows the walk through a piece of a medium, `distance` long. True when it is scattered there: the vertex
+ * is then in the medium. */
+static bool meet_medium(walk_t *walk, sample_t *sample, vec3_t from, float distance, media_numbers_t *numbers,
+                        vertex_t *vertex)
+{
+    const media_t *media = sample->setup->media;
+    float at;
+    if (walk->mode == TRANSPORT_RADIANCE && media_emits(media, walk->medium.number))
+        walk->glow =
+            v_add(walk->glow, v_mul(vertex->throughput, media_emission(media, walk->medium.number, from,
+                                                                       walk->direction, distance, numbers)));
+    if (!media_scatter(media, walk->medium.number, from, walk->direction, distance, numbers,
+                       &vertex->throughput, &at))
+        return false;
+    vertex->kind = VERTEX_MEDIUM;
+    vertex->surface.p = v_mad(from, at, walk->direction);
+    return true;
+}
+
+/* Goes on through media and their borders until the walk meets something; `hit`: the first thing in its way
+ * is a surface, which the vertex has. */
+static void pass_media(walk_t *walk, sample_t *sample, bool hit, vertex_t *vertex)
+{
+    enum { MOST_BORDERS = 1000 }; /* that lie on one another may be without end */
+    media_numbers_t numbers = distance_numbers(walk, sample);
+    vec3_t from = walk->origin;
+    for (int i = 0;; i++) {
+        float distance = hit ? v_length(v_sub(vertex_point(vertex), from)) : INFINITY;
+        if (walk->medium.number != 0 && meet_medium(walk, sample, from, distance, &numbers, vertex)) break;
+        vertex->kind = hit && i < MOST_BORDERS ? VERTEX_SURFACE : VERTEX_SKY;
+        if (vertex->kind == VERTEX_SKY || !surface_is_interface(&vertex->surface)) break;
+        walk->medium.number = medium_behind(&vertex->surface, walk->direction);
+        from = scene_offset(&vertex->surface, walk->direction);
+        hit = look_on(walk, sample, from, vertex);
+    }
+    vertex->media[0] = vertex->media[1] = walk->medium.number;
+    if (vertex->kind == VERTEX_SURFACE && vertex->surface.shape->flags & SHAPE_INTERFACE)
+        for (int i = 0; i < 2; i++) vertex->media[i] = vertex->surface.shape->media[i];
+}
+
+void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
+{
+    bool hit = look_on(walk, sample, walk->origin, vertex);
     vertex->kind = hit ? VERTEX_SURFACE : VERTEX_SKY;
     vertex->mode = walk->mode;
     vertex->depth = ++walk->depth;
     vertex->first = !walk->scattered;
-    vertex->dimension = walk->dimension += DIMENSION_STRIDE;
+    vertex->media[0] = vertex->media[1] = 0;
     vertex->wo = v_neg(walk->direction);
     vertex->throughput = walk->throughput;
-    if (!hit) {
+    if (sample->setup->media != NULL) pass_media(walk, sample, hit, vertex);
+    vertex->dimension = walk->dimension += DIMENSION_STRIDE;
+    if (vertex->kind == VERTEX_SKY) {
         vertex->surface.p = walk->point;
         return;
     }
     if (walk->depth == 1 && walk->mode == TRANSPORT_IMPORTANCE)
         walk->last *= lights_nearness(sample->setup->lights, walk->light, vertex_point(vertex));
     if (walk->gated) enter_portal(walk, sample, vertex);
-    if (medium_absorbs(&walk->medium))
+    if (!v_is_zero(walk->medium.attenuation))
         vertex->throughput =
             v_mul(vertex->throughput,
                   medium_transmittance(&walk->medium, v_length(v_sub(vertex_point(vertex), walk->point))));

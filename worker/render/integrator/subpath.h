@@ -75,7 +75,8 @@ typedef struct {
     vec3_t point;             /* vertex i - 1 */
     float cosine;             /* |direction . geometric normal| there; 1 where there is none */
     rgb_t throughput;
-    medium_t medium;     /* along the ray */
+    medium_t medium;     /* along the ray; once it has arrived, where it did */
+    rgb_t glow;          /* of an eye subpath: what the media on its way have emitted so far */
     float pdf;           /* of the ray: per steradian, of parallel rays per area across */
     float pdf_rev;       /* of the way back at vertex i - 1: q_{i-1} */
     float direct, inner; /* of vertex i - 1, were it not specular */
@@ -132,6 +133,7 @@ static inline walk_t walk_from_camera(sample_t *sample, roulette_t roulette)
                     .point = ray.origin,
                     .cosine = 1,
                     .throughput = vec3(1, 1, 1),
+                    .medium = {.number = scene_blob(sample->setup->scene)->scene->medium},
                     .pdf = ray.pdf,
                     .last = splat_worth,
                     .seeks = CAUSTICS_NOWHERE,
@@ -157,6 +159,7 @@ static inline bool walk_from_light(const sample_t *sample, roulette_t roulette, 
                      .point = ray->point,
                      .cosine = ray->cosine,
                      .throughput = ray->throughput,
+                     .medium = {.number = ray->medium},
                      .pdf = ray->pdf_ray,
                      .direct = ray->delta ? 0 : 1 / square(ray->pdf_place),
                      .light = ray->light,
@@ -168,7 +171,7 @@ static inline bool walk_from_light(const sample_t *sample, roulette_t roulette, 
 }
 
 /* Moves on to the next vertex, which has no BSDF yet (vertex_shade). It is of the sky when the ray leaves the
- * scene. */
+ * scene, and in a medium when this scatters. */
 void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex);
 
 /* p_i of the vertex: per area, of the sky per steradian. *distance2 receives what is squared in g. */

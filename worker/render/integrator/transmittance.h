@@ -8,21 +8,32 @@
 #include "worker/render/integrator/integrator.h"
 #include "worker/render/scene/scene.h"
 
-/* What fills the space along a ray: nothing, or the inside of absorbing glass. */
-typedef struct {
-    rgb_t attenuation; /* per unit length; 0: a vacuum */
-} medium_t;
-
 static inline bool medium_absorbs(const medium_t *medium)
 {
-    return !v_is_zero(medium->attenuation);
+    return medium->number != 0 || !v_is_zero(medium->attenuation);
 }
 
-/* What is left of light after a distance through the medium alone. */
+/* What is left of light after a distance through absorbing glass alone. */
 static inline rgb_t medium_transmittance(const medium_t *medium, float distance)
 {
     rgb_t a = medium->attenuation;
     return vec3(expf(-a.x * distance), expf(-a.y * distance), expf(-a.z * distance)); /* Beer's law */
+}
+
+/* The medium on the side of an interface (SHAPE_INTERFACE) to which w points. */
+static inline blob_ref_t medium_behind(const surface_t *surface, vec3_t w)
+{
+    return surface->shape->media[v_dot(w, surface->ng) > 0];
+}
+
+/* What of light arrives between two points, from the first of which it starts in such a medium, if they see
+ * each other; `length` apart. There may be media with their borders in between. */
+rgb_t media_between(sample_t *sample, vec3_t from, vec3_t to, const medium_t *medium, float length);
+
+/* True when media_between must be asked. */
+static inline bool media_matter(const setup_t *setup, const medium_t *medium)
+{
+    return medium_absorbs(medium) || (setup->media != NULL && media_have_borders(setup->media));
 }
 
 /* What of light (or of importance) arrives that sets out from one point to another. `from` and `to` are off
@@ -32,7 +43,8 @@ static inline rgb_t transmit(sample_t *sample, vec3_t from, vec3_t to, medium_t 
 {
     sample->result->counts.rays++;
     if (scene_occluded(sample->setup->scene, from, to, sample->time, look)) return vec3(0, 0, 0);
-    return medium_absorbs(&medium) ? v_mul(value, medium_transmittance(&medium, length)) : value;
+    if (!media_matter(sample->setup, &medium)) return value;
+    return v_mul(value, media_between(sample, from, to, &medium, length));
 }
 
 /* Up to SCENE_PACKET such ways, quickest when all start close together. */
@@ -45,13 +57,13 @@ typedef struct {
 } connections_t;
 
 /* Adds one, for which there must be room, and returns its place. */
-static inline int connections_add(connections_t *connections, vec3_t from, vec3_t to, medium_t medium,
-                                  float length, rgb_t value)
+static inline int connections_add(connections_t *connections, const setup_t *setup, vec3_t from, vec3_t to,
+                                  medium_t medium, float length, rgb_t value)
 {
     int n = connections->segments.count++;
     segments_set(&connections->segments, n, from, to);
     connections->values[n] = value;
-    if (medium_absorbs(&medium)) {
+    if (media_matter(setup, &medium)) {
         connections->absorbing |= 1u << n;
         connections->media[n] = medium;
         connections->lengths[n] = length;
@@ -67,11 +79,13 @@ static inline uint32_t connections_transmit(sample_t *sample, connections_t *con
     connections->segments.look = look;
     sample->result->counts.rays += (uint64_t)connections->segments.count;
     uint32_t lost = scene_occluded_packet(sample->setup->scene, &connections->segments);
-    for (int i = 0; connections->absorbing >> i != 0; i++)
-        if (connections->absorbing >> i & 1)
+    uint32_t absorbing = connections->absorbing & ~lost;
+    for (int i = 0; absorbing >> i != 0; i++)
+        if (absorbing >> i & 1)
             connections->values[i] =
-                v_mul(connections->values[i],
-                      medium_transmittance(&connections->media[i], connections->lengths[i]));
+                v_mul(connections->values[i], media_between(sample, segments_from(&connections->segments, i),
+                                                            segments_to(&connections->segments, i),
+                                                            &connections->media[i], connections->lengths[i]));
     connections->absorbing = 0;
     connections->segments.count = 0;
     return lost;

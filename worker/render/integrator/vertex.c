@@ -4,7 +4,7 @@
 bool vertex_eval_split(const vertex_t *vertex, vec3_t w, bool delta, float pdf_place, float ratio,
                        bsdf_value_t *value, float *share)
 {
-    if (!(vertex->surface.shape->flags & SHAPE_NORMALS_V3) ||
+    if (vertex->kind != VERTEX_SURFACE || !(vertex->surface.shape->flags & SHAPE_NORMALS_V3) ||
         !bsdf_eval_split(&vertex->bsdf, vertex->wo, w, vertex->mode, value))
         return false;
     *share = delta ? 1 : (1 + ratio) / (1 + ratio + 1 / pdf_place);
@@ -23,7 +23,7 @@ bool vertex_light_hit(const vertex_t *vertex, const lights_t *lights, uint32_t k
 
 void vertex_first_hit(const vertex_t *vertex, sample_t *sample, vec3_t origin)
 {
-    if (sample->sample >= FEATURE_SAMPLES) return;
+    if (sample->sample >= FEATURE_SAMPLES || vertex->kind != VERTEX_SURFACE) return;
     const scene_blob_t *blob = scene_blob(sample->setup->scene);
     const bsdf_t *bsdf = &vertex->bsdf;
     const surface_t *surface = &vertex->surface;

@@ -1,9 +1,9 @@
 /* vertex: a place on a path, and what it does with light.
  *
- * A vertex lies on a surface, or it is a direction of the sky, where a path ends. Integrators ask the
- * functions below and do not look at the surface. What else can scatter light becomes one more kind, which
- * answers the same questions here: a point in a medium has a phase function for a BSDF, 1 for both cosines
- * and for the adjoint, nothing to be moved off, and the medium itself for what rays enter.
+ * A vertex lies on a surface or in a medium, or it is a direction of the sky, where a path ends. Integrators
+ * ask the functions below and do not look at the surface. A point in a medium has a phase function for a
+ * BSDF, 1 for both cosines and for the adjoint, nothing to be moved off, and the medium itself for what rays
+ * enter.
  *
  * What connections ask is inlined, here and in transmittance.h; the two long steps of a walk, which would
  * fill the instruction cache once for each of their callers, are not (subpath.c).
@@ -14,20 +14,21 @@
 #include "worker/render/integrator/transmittance.h"
 #include "worker/render/material/material.h"
 
-typedef enum { VERTEX_SKY, VERTEX_SURFACE } vertex_kind_t;
+typedef enum { VERTEX_SKY, VERTEX_SURFACE, VERTEX_MEDIUM } vertex_kind_t;
 
 /* Vertex i >= 1 of a subpath (subpath.h). */
 typedef struct {
-    surface_t surface; /* of VERTEX_SURFACE, as the BSDF */
+    surface_t surface; /* of VERTEX_SURFACE; of others its point alone */
     vertex_kind_t kind;
-    transport_t mode;   /* of its subpath */
-    int depth;          /* i */
-    bool first;         /* nothing but mirrors and clear glass lies between it and the subpath's start */
-    uint32_t dimension; /* where its random numbers begin */
-    vec3_t wo;          /* unit direction to vertex i - 1 */
-    rgb_t throughput;   /* up to here, scattering at this vertex excluded */
-    float inv_p2;       /* 1 / p_i^2; this and the next two only for weights (walk_weigh) */
-    float direct;       /* c_i / p_i^2, were the vertex not specular */
+    transport_t mode;    /* of its subpath */
+    int depth;           /* i */
+    bool first;          /* nothing but mirrors and clear glass lies between it and the subpath's start */
+    uint32_t dimension;  /* where its random numbers begin */
+    blob_ref_t media[2]; /* on the side away from the geometric normal, and on that of it */
+    vec3_t wo;           /* unit direction to vertex i - 1 */
+    rgb_t throughput;    /* up to here, scattering at this vertex excluded */
+    float inv_p2;        /* 1 / p_i^2; this and the next two only for weights (walk_weigh) */
+    float direct;        /* c_i / p_i^2, were the vertex not specular */
     float inner;
     float merging; /* m_i eta^2 */
     bsdf_t bsdf;   /* made by vertex_shade; at the end, so that lobes which it does not have need no memory
@@ -37,6 +38,10 @@ typedef struct {
 /* Makes the BSDF. `scattered`: the path was scattered before by something that is not specular. */
 static inline void vertex_shade(vertex_t *vertex, const setup_t *setup, bool scattered)
 {
+    if (vertex->kind == VERTEX_MEDIUM) {
+        media_bsdf(setup->media, vertex->media[0], vertex->wo, &vertex->bsdf);
+        return;
+    }
     material_bsdf(setup->scene, &vertex->surface, &vertex->bsdf);
     if (setup->regularizes && scattered) bsdf_regularize(&vertex->bsdf);
     bsdf_carry(&vertex->bsdf, vertex->throughput);
@@ -57,7 +62,7 @@ static inline bool vertex_is_joinable(const vertex_t *vertex)
 /* False when light that arrives nearby says nothing about it. */
 static inline bool vertex_is_mergeable(const vertex_t *vertex)
 {
-    return bsdf_is_broad(&vertex->bsdf);
+    return vertex->kind == VERTEX_SURFACE && bsdf_is_broad(&vertex->bsdf);
 }
 
 /* Light that is scattered between wo and w: as bsdf_eval. */
@@ -75,19 +80,20 @@ static inline bool vertex_sample(const vertex_t *vertex, vec2_t u, float choice,
 /* The cosine that belongs to the value. */
 static inline float vertex_cosine(const vertex_t *vertex, vec3_t w)
 {
-    return fabsf(v_dot(w, vertex->bsdf.ns));
+    return vertex->kind == VERTEX_MEDIUM ? 1 : fabsf(v_dot(w, vertex->bsdf.ns));
 }
 
 /* The cosine that belongs to densities: takes those per area across w to those per area of the vertex. */
 static inline float vertex_area_cosine(const vertex_t *vertex, vec3_t w)
 {
-    return fabsf(v_dot(w, vertex->surface.ng));
+    return vertex->kind == VERTEX_MEDIUM ? 1 : fabsf(v_dot(w, vertex->surface.ng));
 }
 
 /* The factor that makes scattering with shading normals the adjoint of itself: on light subpaths values are
  * multiplied by |wo ns| |wi ng| / (|wo ng| |wi ns|) (Veach 1997, section 5.3.2). */
 static inline float vertex_adjoint(const vertex_t *vertex, vec3_t w)
 {
+    if (vertex->kind == VERTEX_MEDIUM) return 1;
     const bsdf_t *bsdf = &vertex->bsdf;
     float num = v_dot(vertex->wo, bsdf->ns) * v_dot(w, bsdf->ng);
     float den = v_dot(vertex->wo, bsdf->ng) * v_dot(w, bsdf->ns);
@@ -97,13 +103,13 @@ static inline float vertex_adjoint(const vertex_t *vertex, vec3_t w)
 /* Where a ray in direction w starts. */
 static inline vec3_t vertex_exit(const vertex_t *vertex, vec3_t w)
 {
-    return scene_offset(&vertex->surface, w);
+    return vertex->kind == VERTEX_MEDIUM ? vertex->surface.p : scene_offset(&vertex->surface, w);
 }
 
 /* What such a ray enters. */
 static inline medium_t vertex_medium(const vertex_t *vertex, vec3_t w)
 {
-    return (medium_t){bsdf_attenuation(&vertex->bsdf, w)};
+    return (medium_t){bsdf_attenuation(&vertex->bsdf, w), vertex->media[v_dot(w, vertex->bsdf.ng) > 0]};
 }
 
 /* What pbrt-v3 does where the geometric and the shading normal disagree about the side of a light, and
@@ -130,7 +136,7 @@ static inline bool vertex_split_light(const vertex_t *vertex, const light_view_t
 static inline uint32_t vertex_light_count(const vertex_t *vertex, const lights_t *lights)
 {
     if (vertex->kind == VERTEX_SKY) return lights_sky_count(lights);
-    return vertex->surface.light != BLOB_NONE;
+    return vertex->kind == VERTEX_SURFACE && vertex->surface.light != BLOB_NONE;
 }
 /* The k-th of them as seen from the vertex before, which is at `from`; false when it is dark. */
 bool vertex_light_hit(const vertex_t *vertex, const lights_t *lights, uint32_t k, vec3_t from,

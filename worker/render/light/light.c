@@ -285,7 +285,11 @@ bool lights_emit(const lights_t *lights, float choice, vec2_t place, vec2_t ray,
 {
     uint32_t number = alias_sample(lights->worth.count > 0 ? &lights->worth : &lights->alias, &choice);
     const light_t *light = &lights->lights[number];
-    *out = (light_ray_t){.light = number, .cosine = 1, .view_ratio = light->view_ratio, .start = {0, 1}};
+    *out = (light_ray_t){.light = number,
+                         .cosine = 1,
+                         .medium = light->record->medium,
+                         .view_ratio = light->view_ratio,
+                         .start = {0, 1}};
     if (!kinds[light->record->kind]->emit(light, choice, place, ray, out)) return false;
     out->start.density *= light->first_lesson == NO_LESSON ? 0 : light->chance;
     out->lessons[0] = lesson_at(light, &out->start, GUIDE_SQUARES);

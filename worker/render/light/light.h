@@ -55,6 +55,7 @@ typedef struct {
     float pdf_place;          /* of the place, the choice of the emitter included */
     float pdf_ray;       /* of the direction, per steradian; at infinity of the ray, per area across it */
     float cosine;        /* at the place between normal and direction; 1 where there is no normal */
+    blob_ref_t medium;   /* that the ray starts in */
     float view_ratio;    /* density with which lights_illuminate draws the place, over pdf_place; but for what
                             lights_nearness says */
     light_start_t start; /* of the light's cells */

@@ -302,6 +302,8 @@ static bool emit(const light_t *light, float choice, vec2_t place, vec2_t ray, l
     out->origin = offset(&spot, out->direction);
     out->pdf_place = spot.pdf;
     out->cosine = fabsf(cosine);
+    const blob_shape_t *shape = &scene_blob(light->scene)->shapes[light->record->shape];
+    if (shape->flags & SHAPE_INTERFACE) out->medium = shape->media[cosine > 0];
     out->throughput = v_scale(radiance_of_spot(light, &spot), out->cosine / (out->pdf_ray * spot.pdf));
     return !v_is_zero(out->throughput);
 }

@@ -81,11 +81,26 @@ static inline void segments_set(segments_t *segments, int i, vec3_t from, vec3_t
     segments->to[0][i] = to.x, segments->to[1][i] = to.y, segments->to[2][i] = to.z;
 }
 
-/* True when something lies between the points. `look`: see segments_t. */
+static inline vec3_t segments_from(const segments_t *segments, int i)
+{
+    return vec3(segments->from[0][i], segments->from[1][i], segments->from[2][i]);
+}
+static inline vec3_t segments_to(const segments_t *segments, int i)
+{
+    return vec3(segments->to[0][i], segments->to[1][i], segments->to[2][i]);
+}
+
+/* True when something lies between the points, interfaces excepted. `look`: see segments_t. */
 bool scene_occluded(const scene_t *scene, vec3_t from, vec3_t to, float time, bool look);
-/* Bit i of the answer is set when something lies between from[i] and to[i]. Quickest when all start close
- * together. */
+/* Bit i of the answer is set when something lies between from[i] and to[i], interfaces excepted. Quickest
+ * when all start close together. */
 uint32_t scene_occluded_packet(const scene_t *scene, const segments_t *segments);
+
+/* True for a surface that does nothing but part media (MATERIAL_INTERFACE). */
+static inline bool surface_is_interface(const surface_t *surface)
+{
+    return surface->material->kind == MATERIAL_INTERFACE;
+}
 
 /* The surface's point moved off the surface, to the side to which `direction` points. */
 static inline vec3_t scene_offset(const surface_t *surface, vec3_t direction)

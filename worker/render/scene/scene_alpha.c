@@ -1,5 +1,6 @@
 /* scene_alpha: surfaces that let rays through: with probability 1 - alpha, decided by a hash of the ray and
- * of what it hits, so that the answer is a function of these alone; and pictures all rays but the camera's.
+ * of what it hits, so that the answer is a function of these alone; pictures all rays but the camera's; and
+ * borders of media those of shadows.
  */
 #include "common/sampler.h"
 #include "worker/render/scene/scene_internal.h"
@@ -23,6 +24,7 @@ static float hit_number(const hit_t *hit, uint32_t shape)
 bool alpha_stops(const geometry_t *geometry, const hit_t *hit, bool shadow)
 {
     const blob_shape_t *shape = geometry->shape;
+    if (shadow && geometry->border) return false;
     if (alpha_is_opaque(&shape->alpha) && (!shadow || alpha_is_opaque(&shape->shadow_alpha))) return true;
     surface_t surface;
     surface_details_t details;

@@ -58,7 +58,10 @@ static void add_shape(scene_t *scene, RTCScene to, uint32_t shape_index, uint32_
 {
     const blob_shape_t *shape = &scene->blob->shapes[shape_index];
     geometry_t *geometry = &scene->geometries[shape_index];
-    *geometry = (geometry_t){.scene = scene, .shape = shape, .picture = is_picture(scene->blob, shape)};
+    *geometry = (geometry_t){.scene = scene,
+                             .shape = shape,
+                             .picture = is_picture(scene->blob, shape),
+                             .border = scene->blob->materials[shape->material].kind == MATERIAL_INTERFACE};
     RTCGeometry made = NULL;
     switch ((shape_kind_t)shape->kind) {
     case SHAPE_MESH:
@@ -77,7 +80,8 @@ static void add_shape(scene_t *scene, RTCScene to, uint32_t shape_index, uint32_
     bool stops_all = alpha_is_opaque(&shape->alpha) && !geometry->picture;
     if (shape->kind == SHAPE_MESH && !stops_all)
         rtcSetGeometryIntersectFilterFunction(made, alpha_filter_nearest);
-    if (shape->kind == SHAPE_MESH && (!stops_all || !alpha_is_opaque(&shape->shadow_alpha)))
+    if (shape->kind == SHAPE_MESH &&
+        (!stops_all || geometry->border || !alpha_is_opaque(&shape->shadow_alpha)))
         rtcSetGeometryOccludedFilterFunction(made, alpha_filter_shadow);
     attach(to, made, id);
 }

@@ -11,6 +11,7 @@ typedef struct {
     const blob_shape_t *shape;
     const quadric_t *quadric; /* or NULL */
     bool picture;             /* LIGHT_PICTURE */
+    bool border;              /* MATERIAL_INTERFACE: shadow rays go through */
 } geometry_t;
 
 struct scene {

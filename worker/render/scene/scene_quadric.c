@@ -22,7 +22,7 @@ static float lane_distance(const geometry_t *geometry, const float *rays, unsign
     float near = rays[RAY_NEAR * n + i], far = hit.distance, distances[2];
     int count = quadric_crossings(geometry->quadric, hit.origin, hit.direction, distances);
     bool opaque = alpha_is_opaque(&geometry->shape->alpha) &&
-                  (!shadow || alpha_is_opaque(&geometry->shape->shadow_alpha));
+                  (!shadow || (!geometry->border && alpha_is_opaque(&geometry->shape->shadow_alpha)));
     hit.instance_id = instance_id;
     for (int k = 0; k < count; k++) {
         if (!(distances[k] > near && distances[k] < far)) continue;

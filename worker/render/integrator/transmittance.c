@@ -1,0 +1,55 @@
+/* transmittance: see transmittance.h. */
+#include "worker/render/integrator/transmittance.h"
+
+#include <string.h>
+
+/* Numbers that are a function of the two points and the sample. */
+static media_numbers_t numbers_between(const sample_t *sample, vec3_t from, vec3_t to)
+{
+    uint32_t words[6];
+    memcpy(words, &from, sizeof from);
+    memcpy(words + 3, &to, sizeof to);
+    uint64_t key = sample->numbers.sample_key;
+    for (int i = 0; i < 6; i++) key = sampler_mix(key + words[i] + 0x9E3779B97F4A7C15u);
+    return (media_numbers_t){-1, key};
+}
+
+/* The same through the borders of media, which are all that is in the way. */
+static rgb_t pass_borders(sample_t *sample, vec3_t from, vec3_t to, blob_ref_t number, float length,
+                          media_numbers_t *numbers)
+{
+    enum { MOST_BORDERS = 1000 }; /* as for walks */
+    const setup_t *setup = sample->setup;
+    vec3_t w = v_scale(v_sub(to, from), 1 / v_length(v_sub(to, from)));
+    rgb_t left = {1, 1, 1};
+    float gone = 0;
+    for (int i = 0; i < MOST_BORDERS; i++) {
+        surface_t surface;
+        sample->result->counts.rays++;
+        bool hit = scene_intersect(setup->scene, from, w, sample->time, &surface);
+        float rest = length - gone, distance = hit ? v_length(v_sub(surface.p, from)) : INFINITY;
+        bool last = !(distance < rest) || !surface_is_interface(&surface);
+        if (number != 0)
+            left = v_mul(left,
+                         media_transmittance(setup->media, number, from, w, last ? rest : distance, numbers));
+        if (last || v_is_zero(left)) return left;
+        number = medium_behind(&surface, w);
+        from = scene_offset(&surface, w);
+        gone += distance;
+    }
+    return vec3(0, 0, 0);
+}
+
+rgb_t media_between(sample_t *sample, vec3_t from, vec3_t to, const medium_t *medium, float length)
+{
+    const setup_t *setup = sample->setup;
+    rgb_t left = {1, 1, 1};
+    if (!v_is_zero(medium->attenuation)) left = medium_transmittance(medium, length);
+    if (setup->media == NULL) return left;
+    media_numbers_t numbers = numbers_between(sample, from, to);
+    if (media_have_borders(setup->media))
+        return v_mul(left, pass_borders(sample, from, to, medium->number, length, &numbers));
+    if (medium->number == 0) return left;
+    vec3_t w = v_scale(v_sub(to, from), 1 / v_length(v_sub(to, from)));
+    return v_mul(left, media_transmittance(setup->media, medium->number, from, w, length, &numbers));
+}

@@ -1,0 +1,36 @@
+/* density: how dense a medium is from place to place: a grid over a box (blob_medium_t), and bounds on it
+ * along rays, for tracking.
+ *
+ * Cells make up blocks, whose largest densities are kept: a ray is a run of pieces, each with a bound that
+ * holds on it (Fong, Wrenninge, Kulla and Habel 2017, "Production Volume Rendering"). Trilinear interpolation
+ * reaches one cell beyond a block, so that cell counts in its bound.
+ */
+#ifndef LIGHTMILL_DENSITY_H
+#define LIGHTMILL_DENSITY_H
+
+#include "common/scene/scene_blob.h"
+
+typedef struct density density_t;
+
+/* Of a medium whose cells are not 0; the blob must outlive it. */
+density_t *density_new(const scene_blob_t *blob, const blob_medium_t *medium);
+/* Frees it and sets *density to NULL. */
+void density_destroy(density_t **density);
+/* What is there, not negative; 0 outside of the box. */
+float density_at(const density_t *density, vec3_t p);
+
+/* A ray on its way through the blocks. */
+typedef struct {
+    const density_t *density;
+    vec3_t origin, direction; /* in blocks; `direction` per unit length in the world */
+    float at, end;            /* distances along the ray */
+    int block[3];
+} march_t;
+
+/* Starts at `from` in the unit direction, for a distance that may be INFINITY. */
+void march_begin(march_t *march, const density_t *density, vec3_t from, vec3_t direction, float distance);
+/* Goes on to the next piece: it lies between the distances *begin and *end, and has at most the density
+ * *most, which may be 0. False when there is none. */
+bool march_next(march_t *march, float *begin, float *end, float *most);
+
+#endif
