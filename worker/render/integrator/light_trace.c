@@ -60,6 +60,7 @@ static rgb_t seen_light(sample_t *sample)
             sum = v_add(sum, hit.radiance);
             sample_lit(sample, hit.light, hit.radiance);
         }
+    sum = v_add(sum, walk.glow);
     if (z.kind == VERTEX_SKY) return sum;
     vertex_shade(&z, setup, false);
     vertex_first_hit(&z, sample, walk.origin);
