@@ -167,7 +167,8 @@ static const struct {
                {BLOB_SECTION_TRIANGLES, "triangles"}, {BLOB_SECTION_POSITIONS, "vertices"},
                {BLOB_SECTION_QUADRICS, "quadrics"},   {BLOB_SECTION_CURVES, "curves"},
                {BLOB_SECTION_MATERIALS, "materials"}, {BLOB_SECTION_TEXTURES, "textures"},
-               {BLOB_SECTION_IMAGES, "images"},       {BLOB_SECTION_LIGHTS, "lights"}};
+               {BLOB_SECTION_IMAGES, "images"},       {BLOB_SECTION_MEDIA, "media"},
+               {BLOB_SECTION_LIGHTS, "lights"}};
 
 /* The name of an enumerator, from a table that is indexed by it. */
 static const char *name_in(const char *const *names, size_t count, uint32_t kind)
@@ -350,6 +351,18 @@ static void print_image_record(const scene_blob_t *blob, size_t index)
         printf(", gamma %g\n", (double)image->gamma);
 }
 
+static void print_medium(const scene_blob_t *blob, size_t index)
+{
+    const blob_medium_t *m = &blob->media[index];
+    printf("medium %zu:", index);
+    print_rgb("absorption", m->absorption);
+    print_rgb("scattering", m->scattering);
+    if (!v_is_zero(m->emission)) print_rgb("emission", m->emission);
+    printf("  g %g", (double)m->g + 0.0);
+    if (m->cells[0] != 0) printf("  in %u x %u x %u cells", m->cells[0], m->cells[1], m->cells[2]);
+    print_name(blob, m->name);
+}
+
 static void print_light(const scene_blob_t *blob, size_t index)
 {
     static const char *const units[] = {
@@ -396,6 +409,7 @@ static const struct {
 } listed[] = {{BLOB_SECTION_MATERIALS, print_material},
               {BLOB_SECTION_TEXTURES, print_texture},
               {BLOB_SECTION_IMAGES, print_image_record},
+              {BLOB_SECTION_MEDIA, print_medium},
               {BLOB_SECTION_LIGHTS, print_light}};
 
 static void print_scene(const char *path, const scene_blob_t *blob)
@@ -486,7 +500,7 @@ const command_t info_command = {
     .about = "Describes FILE, which may be\n"
              "- an OpenEXR image: size, channels with their range, attributes\n"
              "- a scene (.pbrt, .gltf, .glb, .obj, .xml, or a folder with a scene.pbrt) or a scene blob: "
-             "counts, camera, materials, textures, images, lights",
+             "counts, camera, materials, textures, images, media, lights",
     .groups = {{&info_options, 0}, {&scene_options, offsetof(values_t, wishes)}},
     .size = sizeof(values_t),
     .begin = scene_options_begin, /* the first member */

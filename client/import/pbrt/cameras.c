@@ -147,6 +147,7 @@ result_t pbrt_camera(pbrt_t *p, position_t at)
     TRY(setting_keep(p, SETTING_CAMERA, "Camera", "a type", at));
     if (!affine_invert(&p->now.ctm, &p->camera[0]) || !affine_invert(&p->now.ctm_end, &p->camera[1]))
         return error_at(at, "the current transform is singular or not finite");
+    p->camera_medium = p->now.media[1];
     pbrt_name_coordinates(p, "camera", &p->camera[0], &p->camera[1]);
     return result_ok();
 }

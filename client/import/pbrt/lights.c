@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "client/import/pbrt/lights.h"
+#include "client/import/pbrt/media.h"
 #include "client/import/pbrt/state/arguments.h"
 #include "client/import/pbrt/state/values.h"
 
@@ -211,6 +212,13 @@ result_t pbrt_area_light(pbrt_t *p, position_t at)
 
 /* ---- lights at a point -------------------------------------------------------------------------------- */
 
+/* Adds a light that shines into the medium about it. */
+static result_t add_in_medium(pbrt_t *p, blob_light_t light, const affine_t *world_from_light, position_t at)
+{
+    TRY(pbrt_medium_outside(p, &light.medium));
+    return scene_add_light(p->builder, light, world_from_light, at);
+}
+
 static result_t make_point(pbrt_t *p, params_t *params, position_t at)
 {
     double from[3] = {0}, place[3];
@@ -224,7 +232,7 @@ static result_t make_point(pbrt_t *p, params_t *params, position_t at)
     else
         transform_point(&ctm, from, place);
     affine_t frame = affine_translation(place);
-    return scene_add_light(p->builder, light, &frame, at);
+    return add_in_medium(p, light, &frame, at);
 }
 
 static result_t make_spot(pbrt_t *p, params_t *params, position_t at)
@@ -252,7 +260,7 @@ static result_t make_spot(pbrt_t *p, params_t *params, position_t at)
     for (int i = 0; i < 3; ++i) target[i] -= place[i];
     if (!frame_along(target, place, &frame))
         return error_at(at, "this spot light has no direction: \"from\" and \"to\" are the same");
-    return scene_add_light(p->builder, light, &frame, at);
+    return add_in_medium(p, light, &frame, at);
 }
 
 /* pbrt-v4 takes the mean of an image's colours, v3 its colours; v4's poles are on y. */
@@ -275,7 +283,7 @@ static result_t make_goniometric(pbrt_t *p, params_t *params, position_t at)
     TRY(scale_to(p, params, "power", 4 * pi * mean, &light.radiance.factor));
     affine_t t = without_scale(p, light_transform(p, at), at);
     if (light.image && light.mapping == LIGHT_OCTAHEDRAL) t = affine_multiply(&t, &swap_yz);
-    return scene_add_light(p->builder, light, &t, at);
+    return add_in_medium(p, light, &t, at);
 }
 
 /* The cube of the cosine between z and the direction to the window's point (s, t). */
@@ -313,7 +321,7 @@ static result_t make_projection(pbrt_t *p, params_t *params, position_t at)
         affine_t flip = affine_scaling(upside_down);
         t = affine_multiply(&t, &flip);
     }
-    return scene_add_light(p->builder, light, &t, at);
+    return add_in_medium(p, light, &t, at);
 }
 
 /* ---- lights at infinity ------------------------------------------------------------------------------- */

@@ -268,21 +268,22 @@ typedef struct {
     dialect_entry_t entry;
     integrator_t kind;   /* ours */
     const char *warning; /* how ours differs; NULL: not at all */
+    bool knows_media;    /* pbrt's does, or does not care, like ambientocclusion */
 } integrator_entry_t;
 
 static const integrator_entry_t integrators[] = {
-    {{"bdpt", DIALECT_BOTH}, INTEGRATOR_BDPT, NULL},
-    {{"path", DIALECT_BOTH}, INTEGRATOR_PATH, NULL},
-    {{"volpath", DIALECT_BOTH}, INTEGRATOR_PATH, "media are not supported"},
-    {{"simplepath", DIALECT_V4}, INTEGRATOR_PATH, "only the noise differs"},
-    {{"simplevolpath", DIALECT_V4}, INTEGRATOR_PATH, "media are not supported"},
-    {{"randomwalk", DIALECT_V4}, INTEGRATOR_PATH, "only the noise differs"},
-    {{"lightpath", DIALECT_V4}, INTEGRATOR_LIGHT, "only the noise differs"},
-    {{"mlt", DIALECT_BOTH}, INTEGRATOR_BDPT, "only the noise differs"},
-    {{"sppm", DIALECT_BOTH}, INTEGRATOR_BDPT, "only the noise differs"},
-    {{"directlighting", DIALECT_V3}, INTEGRATOR_PATH, "indirect light comes in addition"},
-    {{"whitted", DIALECT_V3}, INTEGRATOR_PATH, "indirect light comes in addition"},
-    {{"ambientocclusion", DIALECT_BOTH}, INTEGRATOR_AO, NULL},
+    {{"bdpt", DIALECT_BOTH}, INTEGRATOR_BDPT, NULL, true},
+    {{"path", DIALECT_BOTH}, INTEGRATOR_PATH, NULL, false},
+    {{"volpath", DIALECT_BOTH}, INTEGRATOR_PATH, NULL, true},
+    {{"simplepath", DIALECT_V4}, INTEGRATOR_PATH, "only the noise differs", false},
+    {{"simplevolpath", DIALECT_V4}, INTEGRATOR_PATH, "only the noise differs", true},
+    {{"randomwalk", DIALECT_V4}, INTEGRATOR_PATH, "only the noise differs", false},
+    {{"lightpath", DIALECT_V4}, INTEGRATOR_LIGHT, "only the noise differs", false},
+    {{"mlt", DIALECT_BOTH}, INTEGRATOR_BDPT, "only the noise differs", true},
+    {{"sppm", DIALECT_BOTH}, INTEGRATOR_BDPT, "only the noise differs", false},
+    {{"directlighting", DIALECT_V3}, INTEGRATOR_PATH, "indirect light comes in addition", false},
+    {{"whitted", DIALECT_V3}, INTEGRATOR_PATH, "indirect light comes in addition", false},
+    {{"ambientocclusion", DIALECT_BOTH}, INTEGRATOR_AO, NULL, true},
 };
 
 static const param_rule_t integrator_rules[] = {
@@ -393,6 +394,7 @@ static result_t make_integrator(pbrt_t *p, position_t at)
     TRY(SETTING_FIND(p, integrators, "integrator", "path", at, &index));
     const integrator_entry_t *integrator = &integrators[index];
     p->scene.integrator = integrator->kind;
+    p->knows_media = integrator->knows_media;
     if (integrator->warning)
         report_warning(p->report, at, "integrator \"%s\": %s is used instead; %s", integrator->entry.name,
                        integrator_name(integrator->kind), integrator->warning);

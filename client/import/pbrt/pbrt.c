@@ -11,6 +11,7 @@
 #include "client/import/pbrt/lights.h"
 #include "client/import/pbrt/materials/materials.h"
 #include "client/import/pbrt/materials/textures.h"
+#include "client/import/pbrt/media.h"
 #include "client/import/pbrt/options.h"
 #include "client/import/pbrt/shapes/shapes.h"
 #include "client/import/pbrt/state/arguments.h"
@@ -165,32 +166,6 @@ static result_t object_instance(pbrt_t *p, position_t at)
     return scene_add_instance(p->builder, object, &open, &close, at);
 }
 
-/* ---- media: none yet ----------------------------------------------------------------------------------- */
-
-static result_t make_named_medium(pbrt_t *p, position_t at)
-{
-    TRY(pbrt_read_string(p, 0, "the medium's name"));
-    TRY(pbrt_read_params(p));
-    report_warning(p->report, at,
-                   "medium \"%.60s\" is ignored: media are not supported, using it is an error",
-                   p->arguments[0]);
-    return result_ok();
-}
-
-static result_t medium_interface(pbrt_t *p, position_t at)
-{
-    token_t token;
-    TRY(pbrt_read_string(p, 0, "the name of the medium inside"));
-    bool empty = p->arguments[0][0] == '\0';
-    TRY(lexer_peek(&p->lexer, &token));
-    if (token.kind == TOKEN_STRING) {
-        TRY(pbrt_read_string(p, 0, "the name of the medium outside"));
-        empty = empty && p->arguments[0][0] == '\0';
-    }
-    if (empty) return result_ok();
-    return report_refuse(p->report, at, "media are not supported; the nearest is empty space");
-}
-
 /* ---- pbrt-v2 ------------------------------------------------------------------------------------------- */
 
 static result_t surface_integrator(pbrt_t *p, position_t at)
@@ -265,8 +240,8 @@ static const directive_t directives[] = {
     {{"Texture", DIALECT_BOTH}, ANY_PHASE, pbrt_texture},
     {{"AreaLightSource", DIALECT_BOTH}, PHASE_WORLD, pbrt_area_light},
     {{"LightSource", DIALECT_BOTH}, PHASE_WORLD, pbrt_light},
-    {{"MakeNamedMedium", DIALECT_BOTH}, ANY_PHASE, make_named_medium},
-    {{"MediumInterface", DIALECT_BOTH}, ANY_PHASE, medium_interface},
+    {{"MakeNamedMedium", DIALECT_BOTH}, ANY_PHASE, pbrt_make_named_medium},
+    {{"MediumInterface", DIALECT_BOTH}, ANY_PHASE, pbrt_medium_interface},
     {{"Volume", DIALECT_V3}, PHASE_WORLD, drop_v2},
 
     {{"ObjectBegin", DIALECT_BOTH}, PHASE_WORLD, object_begin},
@@ -326,20 +301,27 @@ static result_t check_defaults(pbrt_t *p)
     return result_ok();
 }
 
-/* The film's gain is put into the lights, and into what ambient occlusion shows. */
+/* Of a light, or of what shines by itself. */
+static result_t gain(const pbrt_t *p, position_t at, rgb_t *value)
+{
+    if (p->gain != 1) *value = v_scale(*value, (float)p->gain);
+    *value = v_mul(*value, p->balance);
+    if (v_is_finite(*value)) return result_ok();
+    return error_at(p->film_at.line ? p->film_at : at, "the scene's lights are too bright: infinite");
+}
+
+/* The film's gain is put into lights and glowing media, and into what ambient occlusion shows. */
 static result_t apply_gain(pbrt_t *p, position_t at)
 {
-    uint32_t count = blob_builder_count(p->builder->blob, BLOB_SECTION_LIGHTS);
-    blob_light_t *lights = blob_builder_records(p->builder->blob, BLOB_SECTION_LIGHTS);
+    blob_builder_t *blob = p->builder->blob;
+    uint32_t count = blob_builder_count(blob, BLOB_SECTION_LIGHTS);
+    uint32_t media = blob_builder_count(blob, BLOB_SECTION_MEDIA);
+    blob_light_t *lights = blob_builder_records(blob, BLOB_SECTION_LIGHTS);
+    blob_medium_t *medium = blob_builder_records(blob, BLOB_SECTION_MEDIA);
     rgb_t *open = &p->scene.occlusion_radiance;
     *open = v_mul(v_scale(*open, (float)p->gain), p->balance);
-    for (uint32_t i = 0; i < count; ++i) {
-        rgb_t *factor = &lights[i].radiance.factor;
-        if (p->gain != 1) *factor = v_scale(*factor, (float)p->gain);
-        *factor = v_mul(*factor, p->balance);
-        if (!v_is_finite(*factor))
-            return error_at(p->film_at.line ? p->film_at : at, "the scene's lights are too bright: infinite");
-    }
+    for (uint32_t i = 0; i < count; ++i) TRY(gain(p, at, &lights[i].radiance.factor));
+    for (uint32_t i = 0; i < media; ++i) TRY(gain(p, at, &medium[i].emission));
     if (!v_is_finite(*open))
         return error_at(p->film_at.line ? p->film_at : at, "the film's scale is too large");
     return result_ok();
@@ -359,6 +341,7 @@ static result_t finish(pbrt_t *p, position_t at)
     if (p->phase == PHASE_WORLD && p->dialect.dialect == DIALECT_V3)
         return error_at(at, "the file ends before WorldEnd; is it truncated?");
     TRY(pbrt_finish_materials(p));
+    TRY(pbrt_finish_media(p, at));
     pbrt_check_unused_materials(p);
     TRY(check_defaults(p));
     TRY(apply_gain(p, at));

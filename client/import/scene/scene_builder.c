@@ -130,6 +130,10 @@ bool scene_has_light(const scene_builder_t *scene)
     uint32_t count = blob_builder_count(scene->blob, BLOB_SECTION_LIGHTS);
     for (uint32_t i = 0; i < count; ++i)
         if ((lights[i].flags & LIGHT_PICTURE) == 0) return true;
+    const blob_medium_t *media = blob_builder_records(scene->blob, BLOB_SECTION_MEDIA);
+    count = blob_builder_count(scene->blob, BLOB_SECTION_MEDIA);
+    for (uint32_t i = 0; i < count; ++i)
+        if (!v_is_zero(media[i].emission)) return true;
     return false;
 }
 

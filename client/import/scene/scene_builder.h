@@ -82,7 +82,7 @@ void scene_name_instance(scene_builder_t *scene, const char *name);
  * when that is singular, or the light's radiance infinite. */
 result_t scene_add_light(scene_builder_t *scene, blob_light_t light, const affine_t *world_from_light,
                          position_t at);
-/* True when something lights the scene; pictures (LIGHT_PICTURE) do not. */
+/* True when something lights the scene, be it a medium; pictures (LIGHT_PICTURE) do not. */
 bool scene_has_light(const scene_builder_t *scene);
 /* True when the scene gets an environment that its file does not have: import_wishes_t.environment. */
 bool scene_gets_environment(const scene_builder_t *scene);

@@ -1,8 +1,8 @@
 /* materials: Material, MakeNamedMaterial, NamedMaterial, and how shapes get what they make.
  *
  * A directive only stores its parameters. The blob's record is made when the first shape has the material;
- * a v3 shape whose own parameters override the material's gets a record of its own. An interface between
- * media has no record: its shapes are left out.
+ * a v3 shape whose own parameters override the material's gets a record of its own. Interfaces between media
+ * have no record but one for all shapes that part two media; their other shapes are left out.
  */
 #include "client/import/pbrt/materials/materials.h"
 
@@ -261,13 +261,23 @@ static result_t make_once(pbrt_t *p, material_t *material)
     return result_ok();
 }
 
+uint32_t pbrt_interface_material(pbrt_t *p)
+{
+    blob_material_t record = {.kind = MATERIAL_INTERFACE, .normal_scale = 1};
+    if (p->interface == 0)
+        p->interface = 1 + blob_builder_add(p->builder->blob, BLOB_SECTION_MATERIALS, &record, 1);
+    return p->interface - 1;
+}
+
 /* A light needs a surface that emits: a v3 interface that does becomes a black one, which also stops light.
  */
-static uint32_t black_material(pbrt_t *p, const material_t *material)
+static uint32_t black_material(pbrt_t *p, material_t *material)
 {
+    if (material->black != 0) return material->black - 1;
     blob_material_t record = {.kind = MATERIAL_DIFFUSE, .normal_scale = 1};
     report_warning(p->report, material->at, "an interface that emits light is a black surface here");
-    return append(p, material, record);
+    material->black = 1 + append(p, material, record);
+    return material->black - 1;
 }
 
 /* ---- v4: materials that shapes have before all that they name is known -----------------------------------
@@ -300,9 +310,11 @@ static result_t finish_material(pbrt_t *p, blob_shape_t *shape)
     if (!(shape->material & LATE)) return result_ok();
     material_t *material = &p->materials[shape->material & ~LATE];
     TRY(make_once(p, material));
-    if (material->index == BLOB_NONE)
-        return error_at(material->at, "an interface must be made before a shape has it");
     shape->material = material->index;
+    if (material->index != BLOB_NONE) return result_ok();
+    if (!(shape->flags & SHAPE_INTERFACE) || shape->light != BLOB_NONE || shape->kind == SHAPE_CURVES)
+        return error_at(material->at, "an interface must be made before a shape has it");
+    shape->material = pbrt_interface_material(p);
     return result_ok();
 }
 
@@ -323,14 +335,14 @@ result_t pbrt_shape_material(pbrt_t *p, params_t *shape_params, uint32_t *index)
     *index = LATE | p->now.material;
     if (p->dialect.dialect == DIALECT_V4 && !is_ready(p, material, 0)) return result_ok();
     TRY(make_once(p, material));
-    if (material->index == BLOB_NONE && p->now.emits && p->object == 0) {
+    *index = material->index;
+    if (*index == BLOB_NONE && p->now.emits && p->object == 0) {
         if (p->dialect.dialect == DIALECT_V3)
-            material->index = black_material(p, material);
+            *index = black_material(p, material);
         else
             report_warning(p->report, material->at,
                            "an interface does not emit, as in pbrt: its area light is ignored");
     }
-    *index = material->index;
     size_t unread = params_unread(shape_params);
     if (p->dialect.dialect != DIALECT_V3 || unread == 0 || *index == BLOB_NONE) return result_ok();
 

@@ -4,77 +4,87 @@
 #include <math.h>
 #include <string.h>
 
-/* The share of scattering in what happens to light in the medium, with the reduced coefficient of scattering:
- * sigma_s' / (sigma_s' + sigma_a), for red, green and blue. Measured by Jensen, Marschner, Levoy and
- * Hanrahan, "A Practical Model for Subsurface Light Transport", 2001 (up to Wholemilk), and by Narasimhan,
- * Gupta, Donner, Ramamoorthi, Nayar and Jensen, "Acquiring Scattering Properties of Participating Media by
- * Dilution", 2006. */
+/* The coefficients of absorption, and the reduced ones of scattering, per mm, for red, green and blue.
+ * Measured by Jensen, Marschner, Levoy and Hanrahan, "A Practical Model for Subsurface Light Transport", 2001
+ * (up to Wholemilk), and by Narasimhan, Gupta, Donner, Ramamoorthi, Nayar and Jensen, "Acquiring Scattering
+ * Properties of Participating Media by Dilution", 2006. */
 static const struct {
     const char *name;
-    float albedo[3];
+    rgb_t absorption, scattering;
 } media[] = {
-    {"Apple", {0.998692f, 0.998579f, 0.977183f}},
-    {"Chicken1", {0.909091f, 0.731707f, 0.666667f}},
-    {"Chicken2", {0.913462f, 0.739645f, 0.615385f}},
-    {"Cream", {0.999973f, 0.999488f, 0.994852f}},
-    {"Ketchup", {0.746888f, 0.0673077f, 0.0202703f}},
-    {"Marble", {0.999042f, 0.998438f, 0.997639f}},
-    {"Potato", {0.996483f, 0.987306f, 0.820896f}},
-    {"Skimmilk", {0.998004f, 0.997955f, 0.992582f}},
-    {"Skin1", {0.958549f, 0.838095f, 0.677852f}},
-    {"Skin2", {0.988214f, 0.957831f, 0.925065f}},
-    {"Spectralon", {1, 1, 1}},
-    {"Wholemilk", {0.999569f, 0.999253f, 0.9963f}},
-    {"Lowfat Milk", {0.996787f, 0.996215f, 0.995479f}},
-    {"Reduced Milk", {0.998973f, 0.998389f, 0.997182f}},
-    {"Regular Milk", {0.999663f, 0.999212f, 0.997214f}},
-    {"Espresso", {0.131068f, 0.113948f, 0.103778f}},
-    {"Mint Mocha Coffee", {0.0773039f, 0.0620762f, 0.05798f}},
-    {"Lowfat Soy Milk", {0.995321f, 0.979436f, 0.944931f}},
-    {"Regular Soy Milk", {0.996774f, 0.987192f, 0.957531f}},
-    {"Lowfat Chocolate Milk", {0.982596f, 0.957989f, 0.87608f}},
-    {"Regular Chocolate Milk", {0.993148f, 0.980145f, 0.953576f}},
-    {"Coke", {0.000888495f, 0.000507044f, 0}},
-    {"Pepsi", {0.000672794f, 0.000300545f, 0}},
-    {"Sprite", {0.00318737f, 0.0034911f, 0.00326045f}},
-    {"Gatorade", {0.0901752f, 0.134867f, 0.295984f}},
-    {"Chardonnay", {0.001665f, 0.00115918f, 0.00050077f}},
-    {"White Zinfandel", {0.00144762f, 0.00117688f, 0.000648674f}},
-    {"Merlot", {0.000181612f, 0, 0}},
-    {"Budweiser Beer", {0.00211491f, 0.000965668f, 0.000182779f}},
-    {"Coors Light Beer", {0.00819351f, 0.00306623f, 0}},
-    {"Clorox", {0.417441f, 0.174011f, 0.131768f}},
-    {"Apple Juice", {0.0103963f, 0.00662612f, 0.00433115f}},
-    {"Cranberry Juice", {0.00263069f, 0.00123448f, 0.00062844f}},
-    {"Grape Juice", {0.000517034f, 0, 0}},
-    {"Ruby Grapefruit Juice", {0.113576f, 0.0563053f, 0.0418576f}},
-    {"White Grapefruit Juice", {0.942989f, 0.92724f, 0.852233f}},
-    {"Shampoo", {0.048406f, 0.017847f, 0.0143983f}},
-    {"Strawberry Shampoo", {0.0106993f, 0.00274383f, 0.000200163f}},
-    {"Head & Shoulders Shampoo", {0.219551f, 0.155124f, 0.14417f}},
-    {"Lemon Tea Powder", {0.0162915f, 0.00979536f, 0.00703229f}},
-    {"Orange Powder", {0.0972919f, 0.0483486f, 0.0219176f}},
-    {"Pink Lemonade Powder", {0.0941113f, 0.0523605f, 0.0377318f}},
-    {"Cappuccino Powder", {0.0489179f, 0.0495875f, 0.0342481f}},
-    {"Salt Powder", {0.0877512f, 0.090607f, 0.0856292f}},
-    {"Sugar Powder", {0.0173178f, 0.00814952f, 0.00537752f}},
-    {"Suisse Mocha Powder", {0.137828f, 0.116049f, 0.109041f}},
-    {"Pacific Ocean Surface Water", {0.00550882f, 0.0101422f, 0.00646505f}},
+    {"Apple", {0.0030f, 0.0034f, 0.046f}, {2.29f, 2.39f, 1.97f}},
+    {"Chicken1", {0.015f, 0.077f, 0.19f}, {0.15f, 0.21f, 0.38f}},
+    {"Chicken2", {0.018f, 0.088f, 0.20f}, {0.19f, 0.25f, 0.32f}},
+    {"Cream", {0.0002f, 0.0028f, 0.0163f}, {7.38f, 5.47f, 3.15f}},
+    {"Ketchup", {0.061f, 0.97f, 1.45f}, {0.18f, 0.07f, 0.03f}},
+    {"Marble", {0.0021f, 0.0041f, 0.0071f}, {2.19f, 2.62f, 3.00f}},
+    {"Potato", {0.0024f, 0.0090f, 0.12f}, {0.68f, 0.70f, 0.55f}},
+    {"Skimmilk", {0.0014f, 0.0025f, 0.0142f}, {0.70f, 1.22f, 1.90f}},
+    {"Skin1", {0.032f, 0.17f, 0.48f}, {0.74f, 0.88f, 1.01f}},
+    {"Skin2", {0.013f, 0.070f, 0.145f}, {1.09f, 1.59f, 1.79f}},
+    {"Spectralon", {0, 0, 0}, {11.6f, 20.4f, 14.9f}},
+    {"Wholemilk", {0.0011f, 0.0024f, 0.014f}, {2.55f, 3.21f, 3.77f}},
+    {"Lowfat Milk", {0.002875f, 0.00575f, 0.0115f}, {0.89187f, 1.5136f, 2.532f}},
+    {"Reduced Milk", {0.0025556f, 0.0051111f, 0.012778f}, {2.4858f, 3.1669f, 4.5214f}},
+    {"Regular Milk", {0.0015333f, 0.0046f, 0.019933f}, {4.5513f, 5.8294f, 7.136f}},
+    {"Espresso", {4.7984f, 6.5751f, 8.8493f}, {0.72378f, 0.84557f, 1.0247f}},
+    {"Mint Mocha Coffee", {3.772f, 5.8228f, 7.82f}, {0.31602f, 0.38538f, 0.48131f}},
+    {"Lowfat Soy Milk", {0.0014375f, 0.0071875f, 0.035937f}, {0.30576f, 0.34233f, 0.61664f}},
+    {"Regular Soy Milk", {0.0019167f, 0.0095833f, 0.065167f}, {0.59223f, 0.73866f, 1.4693f}},
+    {"Lowfat Chocolate Milk", {0.0115f, 0.0368f, 0.1564f}, {0.64925f, 0.83916f, 1.1057f}},
+    {"Regular Chocolate Milk", {0.010063f, 0.043125f, 0.14375f}, {1.4585f, 2.1289f, 2.9527f}},
+    {"Coke", {0.10014f, 0.16503f, 0.2468f}, {8.9053e-05f, 8.372e-05f, 0}},
+    {"Pepsi", {0.091641f, 0.14158f, 0.20729f}, {6.1697e-05f, 4.2564e-05f, 0}},
+    {"Sprite", {0.001886f, 0.0018308f, 0.0020025f}, {6.0306e-06f, 6.4139e-06f, 6.5504e-06f}},
+    {"Gatorade", {0.024794f, 0.019289f, 0.008878f}, {0.0024574f, 0.003007f, 0.0037325f}},
+    {"Chardonnay", {0.010782f, 0.011855f, 0.023997f}, {1.7982e-05f, 1.3758e-05f, 1.2023e-05f}},
+    {"White Zinfandel", {0.012072f, 0.016184f, 0.019843f}, {1.7501e-05f, 1.9069e-05f, 1.288e-05f}},
+    {"Merlot", {0.11632f, 0.25191f, 0.29434f}, {2.1129e-05f, 0, 0}},
+    {"Budweiser Beer", {0.011492f, 0.024911f, 0.057786f}, {2.4356e-05f, 2.4079e-05f, 1.0564e-05f}},
+    {"Coors Light Beer", {0.006164f, 0.013984f, 0.034983f}, {5.0922e-05f, 4.301e-05f, 0}},
+    {"Clorox", {0.0033542f, 0.014892f, 0.026297f}, {0.0024035f, 0.0031373f, 0.003991f}},
+    {"Apple Juice", {0.012957f, 0.023741f, 0.052184f}, {0.00013612f, 0.00015836f, 0.000227f}},
+    {"Cranberry Juice", {0.039437f, 0.094223f, 0.12426f}, {0.00010402f, 0.00011646f, 7.8139e-05f}},
+    {"Grape Juice", {0.10404f, 0.23958f, 0.29325f}, {5.382e-05f, 0, 0}},
+    {"Ruby Grapefruit Juice", {0.085867f, 0.18314f, 0.25262f}, {0.011002f, 0.010927f, 0.011036f}},
+    {"White Grapefruit Juice", {0.0138f, 0.018831f, 0.056781f}, {0.22826f, 0.23998f, 0.32748f}},
+    {"Shampoo", {0.014107f, 0.045693f, 0.061717f}, {0.0007176f, 0.0008303f, 0.0009016f}},
+    {"Strawberry Shampoo", {0.01449f, 0.05796f, 0.075823f}, {0.00015671f, 0.00015947f, 1.518e-05f}},
+    {"Head & Shoulders Shampoo", {0.084621f, 0.15688f, 0.20365f}, {0.023805f, 0.028804f, 0.034306f}},
+    {"Lemon Tea Powder", {2.4288f, 4.5757f, 7.2127f}, {0.040224f, 0.045264f, 0.051081f}},
+    {"Orange Powder", {0.001449f, 0.003441f, 0.007863f}, {0.00015617f, 0.00017482f, 0.0001762f}},
+    {"Pink Lemonade Powder", {0.001165f, 0.002366f, 0.003195f}, {0.00012103f, 0.00013073f, 0.00012528f}},
+    {"Cappuccino Powder", {35.844f, 49.547f, 61.084f}, {1.8436f, 2.5851f, 2.1662f}},
+    {"Salt Powder", {0.28415f, 0.3257f, 0.34148f}, {0.027333f, 0.032451f, 0.031979f}},
+    {"Sugar Powder", {0.012638f, 0.031051f, 0.050124f}, {0.00022272f, 0.00025513f, 0.000271f}},
+    {"Suisse Mocha Powder", {17.502f, 27.004f, 35.433f}, {2.7979f, 3.5452f, 4.3365f}},
+    {"Pacific Ocean Surface Water",
+     {0.031845f, 0.031324f, 0.030147f},
+     {0.0001764f, 0.00032095f, 0.00019617f}},
 };
 
-static float reflectance(float albedo)
+bool named_medium_coefficients(const char *name, rgb_t *absorption, rgb_t *scattering)
 {
-    float root = sqrtf(3 * (1 - albedo));
+    for (size_t i = 0; i < sizeof media / sizeof *media; ++i) {
+        if (strcmp(media[i].name, name) != 0) continue;
+        *absorption = media[i].absorption;
+        *scattering = media[i].scattering;
+        return true;
+    }
+    return false;
+}
+
+/* Of a medium with these coefficients. */
+static float reflectance(float absorption, float scattering)
+{
+    float albedo = scattering / (scattering + absorption), root = sqrtf(3 * (1 - albedo));
     return albedo / 2 * (1 + expf(-4.0f / 3 * root)) * expf(-root);
 }
 
 bool named_medium_colour(const char *name, rgb_t *colour)
 {
-    for (size_t i = 0; i < sizeof media / sizeof *media; ++i) {
-        const float *albedo = media[i].albedo;
-        if (strcmp(media[i].name, name) != 0) continue;
-        *colour = vec3(reflectance(albedo[0]), reflectance(albedo[1]), reflectance(albedo[2]));
-        return true;
-    }
-    return false;
+    rgb_t a, s;
+    if (!named_medium_coefficients(name, &a, &s)) return false;
+    *colour = vec3(reflectance(a.x, s.x), reflectance(a.y, s.y), reflectance(a.z, s.z));
+    return true;
 }

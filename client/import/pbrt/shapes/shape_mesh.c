@@ -35,6 +35,7 @@ static result_t finish_mesh(pbrt_t *p, shape_work_t *work, mesh_t *mesh, result_
 static result_t finish_quadric(pbrt_t *p, shape_work_t *work, mesh_t *mesh, result_t made)
 {
     bool emits = p->now.emits && p->object == 0, mirrored = affine_determinant(&work->placed) < 0;
+    work->inside_out = mirrored && emits;
     return finish_reversed(p, work, mesh, p->now.reverse != (mirrored && !emits), made);
 }
 

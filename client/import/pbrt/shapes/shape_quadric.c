@@ -104,6 +104,7 @@ static result_t add_quadric(pbrt_t *p, shape_work_t *work, blob_quadric_t *quadr
     work->shape.geometry = blob_builder_add(p->builder->blob, BLOB_SECTION_QUADRICS, quadric, 1);
     bool emits = p->now.emits && p->object == 0, mirrored = affine_determinant(&work->placed) < 0;
     work->shape.flags = p->now.reverse != (mirrored && !emits) ? SHAPE_FLIP : 0;
+    work->inside_out = mirrored && emits;
     work->emitters = 1;
     if (p->now.emits) work->area = quadric_area(quadric, &work->placed);
     return result_ok();

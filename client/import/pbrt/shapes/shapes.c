@@ -2,6 +2,7 @@
  * and motion. */
 #include "client/import/pbrt/shapes/shapes.h"
 #include "client/import/pbrt/materials/materials.h"
+#include "client/import/pbrt/media.h"
 #include "client/import/pbrt/state/arguments.h"
 #include "client/import/pbrt/state/values.h"
 
@@ -64,6 +65,38 @@ static result_t read_alpha(pbrt_t *p, const shape_entry_t *entry, shape_work_t *
     return result_ok();
 }
 
+/* ---- media -------------------------------------------------------------------------------------------- */
+
+/* Where the sides of the interface in force differ, the shape parts them. In pbrt a direction w lies outside
+ * if dot(w, n) > 0, with the normal n where a ray hits: after ReverseOrientation exclusive-or a mirroring
+ * transform, or on the side of a mesh's own normals. SHAPE_FLIP says the same of meshes and quadrics, but for
+ * quadrics that emit and are mirrored, whose media change places. */
+static result_t part_media(pbrt_t *p, shape_work_t *work)
+{
+    blob_ref_t media[2];
+    int inside = work->inside_out ? 1 : 0;
+    TRY(pbrt_media_in_force(p, media));
+    work->outside = media[1];
+    if (media[0] == media[1]) return result_ok();
+    work->shape.flags |= SHAPE_INTERFACE;
+    work->shape.media[inside] = media[0];
+    work->shape.media[1 - inside] = media[1];
+    return result_ok();
+}
+
+/* Whether the shape's material is an interface. */
+static bool is_interface(const pbrt_t *p, const blob_shape_t *shape)
+{
+    return p->interface != 0 && shape->material == p->interface - 1;
+}
+
+/* A shape that is nothing but an interface is left out unless it parts media, which no curve does. */
+static void settle_interface(pbrt_t *p, blob_shape_t *shape)
+{
+    bool parts = shape->flags & SHAPE_INTERFACE && shape->kind != SHAPE_CURVES;
+    if (shape->material == BLOB_NONE && parts) shape->material = pbrt_interface_material(p);
+}
+
 /* ---- light -------------------------------------------------------------------------------------------- */
 
 /* The radiance of a light that is given by its power: pbrt-v4 makes a light of every triangle or patch, and
@@ -100,6 +133,8 @@ static result_t make_light(pbrt_t *p, shape_work_t *work, bool moves, blob_light
 {
     *light = p->now.light.light;
     *emits = false;
+    if (is_interface(p, &work->shape)) return result_ok();
+    light->medium = work->shape.flags & SHAPE_INTERFACE ? 0 : work->outside;
     if (!p->now.emits || v_is_zero(light->radiance.factor)) return result_ok();
     if (p->object != 0) {
         report_warning(p->report, work->at,
@@ -178,7 +213,10 @@ result_t pbrt_shape(pbrt_t *p, position_t at)
     TRY(pbrt_shape_material(p, p->params,
                             &work.shape.material)); /* last: v3 takes what the shape left unread */
     TRY(pbrt_finish_params(p, "Shape", p->arguments[0]));
-    if (work.shape.geometry == BLOB_NONE || work.shape.material == BLOB_NONE) return result_ok();
+    if (work.shape.geometry == BLOB_NONE) return result_ok();
+    TRY(part_media(p, &work));
+    settle_interface(p, &work.shape);
+    if (work.shape.material == BLOB_NONE) return result_ok();
     if (p->dialect.dialect == DIALECT_V3 && has_shading_normals(p, &work.shape))
         work.shape.flags |= SHAPE_NORMALS_V3;
     return add_shape(p, &work, moves, &open, &close);

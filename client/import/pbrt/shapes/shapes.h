@@ -10,9 +10,11 @@ result_t pbrt_shape(pbrt_t *p, position_t at);
 typedef struct {
     params_t *params;
     position_t at;
-    affine_t placed; /* object from shape */
-    size_t emitters; /* shapes that pbrt-v4 makes of it, each a light: triangles, patches, or 1 */
-    double area;     /* after `placed`; 0 of curves */
+    affine_t placed;    /* object from shape */
+    size_t emitters;    /* shapes that pbrt-v4 makes of it, each a light: triangles, patches, or 1 */
+    double area;        /* after `placed`; 0 of curves */
+    bool inside_out;    /* its normal is not that which pbrt gives to where a ray hits it, but opposite */
+    blob_ref_t outside; /* the medium outside of the interface in force */
     blob_shape_t shape;
 } shape_work_t;
 

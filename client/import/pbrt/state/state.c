@@ -35,6 +35,7 @@ static void free_lists(pbrt_t *p)
         params_destroy(&p->materials[i].params);
         free(p->materials[i].name);
     }
+    for (size_t i = 0; i < p->medium_count; ++i) free(p->media[i].name);
     for (size_t i = 0; i < p->kept_count; ++i) params_destroy(&p->kept[i]);
     for (int i = 0; i < ARGUMENTS; ++i) free(p->arguments[i]);
     for (int i = 0; i < SETTING_COUNT; ++i) {
@@ -49,6 +50,7 @@ void pbrt_end(pbrt_t *p)
     params_destroy(&p->params);
     names_free(&p->coordinates);
     names_free(&p->material_names);
+    names_free(&p->medium_names);
     for (int i = 0; i < 2; ++i) names_free(&p->texture_names[i]);
     names_free(&p->bsdf_files);
     names_free(&p->object_names);
@@ -60,6 +62,7 @@ void pbrt_end(pbrt_t *p)
     free(p->scopes);
     free(p->systems);
     free(p->materials);
+    free(p->media);
     free(p->textures);
     *p = (pbrt_t){0};
 }
@@ -70,6 +73,7 @@ void pbrt_set_defaults(pbrt_t *p, dialect_choice_t dialect)
     p->dialect = dialect;
     p->scene = blob_default_scene();
     p->scene.integrator = INTEGRATOR_PATH;
+    p->knows_media = !v3; /* whose default is path, v4's is volpath */
     p->scene.focal_distance = 1e6f;
     p->scene.width = 1280;
     p->scene.height = 720;

@@ -43,6 +43,7 @@ typedef struct {
     bool reverse;          /* ReverseOrientation */
     uint32_t material;     /* index in materials */
     bool emits;            /* an AreaLightSource is in force */
+    uint32_t media[2];     /* of the MediumInterface, inside and outside: 1 + index in media, 0: empty */
     area_light_t light;
     size_t colour_space;              /* of rgb values (v4): see pbrt_srgb */
     params_t *defaults[TARGET_COUNT]; /* owned by the state's kept lists; NULL: none */
@@ -66,9 +67,20 @@ typedef struct {
     char *name;
     bool made, making;
     uint32_t index;     /* in the blob, once made; BLOB_NONE: an interface */
+    blob_ref_t black;   /* of an interface: the surface that emits in its place, 0: not made */
     uint32_t parts[2];  /* of a mix: 1 + index in materials, 0 when it was not known yet */
     size_t textures[2]; /* texture names known then: later ones of the same name do not count */
 } material_t;
+
+/* What goes by the name of a medium. Owned: name. */
+typedef struct {
+    char *name;
+    char type[41]; /* as it was made */
+    bool made;
+    bool told;         /* it has been said that it is none */
+    blob_ref_t record; /* 0: not made, or of a type that is not supported */
+    position_t at;     /* where it was made, or else first named */
+} medium_t;
 
 /* What a Texture directive gives: a constant, or a texture of the blob. */
 typedef struct {
@@ -138,6 +150,12 @@ typedef struct pbrt {
     const material_t *in_the_making; /* the material that is being made, or NULL */
     material_t *materials;
     size_t material_count, material_capacity;
+    names_t medium_names; /* indices in media */
+    medium_t *media;
+    size_t medium_count, medium_capacity;
+    uint32_t camera_medium; /* as graphics_t.media */
+    bool knows_media;       /* pbrt's integrator of that name shows media */
+    blob_ref_t interface;   /* the material of shapes that only part media, 0: not made */
     texture_t *textures;
     size_t texture_count, texture_capacity;
     uint32_t object; /* the one that shapes go to; 0: the world */

@@ -117,7 +117,9 @@ static void directives_in_the_wrong_place_are_refused(void **state)
         {"Include \"none.pbrt\"", "1:1: "},
         {"Include \"s.pbrt\"", "1:1: "},
         {"Import \"x.pbrt\"", "1:1: Import must come after WorldBegin"},
-        {"MediumInterface \"fog\" \"\"", "1:1: media are not supported"},
+        {"MakeNamedMedium \"a\" \"string type\" \"nanovdb\"\nWorldBegin\nMediumInterface \"a\" \"\"\nShape "
+         "\"sphere\"",
+         "1:1: medium \"a\": the type \"nanovdb\" is not supported; the nearest is empty space"},
         {"ColorSpace \"wurst\"", "1:1: "},
         {"Attribute \"wurst\"", "1:1: Attribute \"wurst\": shape, light"},
     };

@@ -86,13 +86,18 @@ static void compressed_files_are_included(void **state)
     bench_close(&bench);
 }
 
-static void media_are_left_out_on_request(void **state)
+static void media_of_unknown_types_are_left_out_on_request(void **state)
 {
     (void)state;
     bench_t bench = {.lenient = true};
-    run(&bench, POINT_LIGHT "MediumInterface \"fog\" \"\"\n" SPHERE);
+    run(&bench, POINT_LIGHT
+        "MakeNamedMedium \"fog\" \"string type\" \"cloud\"\nMediumInterface \"fog\" \"\"\n" SPHERE SPHERE);
     bench_expect_ok(&bench);
-    expect_text(bench.warnings, "s.pbrt:4:1: media are not supported; the nearest is empty space");
+    expect_text(bench.warnings,
+                "s.pbrt:4:1: medium \"fog\": the type \"cloud\" is not supported; the nearest is "
+                "empty space");
+    assert_int_equal(bench.warning_count, 2);
+    assert_int_equal(bench.blob.shapes[0].flags, 0);
     bench_close(&bench);
 }
 
@@ -283,7 +288,7 @@ int main(void)
         cmocka_unit_test(transform_begin_saves_everything),
         cmocka_unit_test(named_coordinates_set_both_times),
         cmocka_unit_test(compressed_files_are_included),
-        cmocka_unit_test(media_are_left_out_on_request),
+        cmocka_unit_test(media_of_unknown_types_are_left_out_on_request),
         cmocka_unit_test(exposure_scales_the_picture),
         cmocka_unit_test(sensors_have_their_gain),
         cmocka_unit_test(white_is_balanced_by_bradfords_matrix),

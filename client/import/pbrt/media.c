@@ -1,0 +1,363 @@
+/* media: see media.h.
+ *
+ * A name gets an entry when it is first said, by either directive. An interface keeps entries; what they are
+ * is asked when a shape or a light has the interface, as in pbrt-v3, where a name may change its meaning. In
+ * v4 it cannot, but may come later: a reference to such a medium is LATE and an entry, until the end. */
+#include "client/import/pbrt/media.h"
+
+#include "client/import/pbrt/materials/named_media.h"
+#include "client/import/pbrt/state/arguments.h"
+#include "client/import/pbrt/state/values.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+static const double largest = 1e9; /* coefficients and densities, as the blob has them */
+enum { LATE = 1u << 31 };
+
+/* ---- names --------------------------------------------------------------------------------------------- */
+
+/* 1 + the entry of a name; 0 of "", which is empty space. */
+static uint32_t entry_of(pbrt_t *p, const char *name, position_t at)
+{
+    uint32_t index;
+    if (*name == '\0') return 0;
+    if (names_find(&p->medium_names, name, &index)) return index + 1;
+    p->media = grow(p->media, &p->medium_capacity, p->medium_count + 1, sizeof *p->media);
+    index = (uint32_t)p->medium_count++;
+    p->media[index] = (medium_t){.at = at, .name = mem_strdup(name)};
+    names_add(&p->medium_names, name, index);
+    return index + 1;
+}
+
+/* About a medium that is none: said once. */
+static result_t refuse(pbrt_t *p, medium_t *medium)
+{
+    if (medium->told) return result_ok();
+    medium->told = true;
+    if (medium->made)
+        return report_refuse(p->report, medium->at,
+                             "medium \"%.60s\": the type \"%.40s\" is not supported; the nearest is empty "
+                             "space",
+                             medium->name, medium->type);
+    return pbrt_slip(p, medium->at, "that is empty space", "there is no MakeNamedMedium \"%.60s\"",
+                     medium->name);
+}
+
+static result_t find(pbrt_t *p, uint32_t entry, blob_ref_t *ref)
+{
+    *ref = 0;
+    if (entry == 0) return result_ok();
+    medium_t *medium = &p->media[entry - 1];
+    *ref = medium->record;
+    if (*ref != 0) return result_ok();
+    if (medium->made || p->dialect.dialect == DIALECT_V3) return refuse(p, medium);
+    *ref = LATE | (entry - 1);
+    return result_ok();
+}
+
+/* ---- what a medium is made of -------------------------------------------------------------------------- */
+
+static bool is_rate(rgb_t c)
+{
+    return c.x >= 0 && c.y >= 0 && c.z >= 0 && (double)v_max(c) <= largest;
+}
+
+/* The coefficients of a medium that names a preset, or of one that says nothing. */
+static result_t read_preset(pbrt_t *p, params_t *params, position_t at, blob_medium_t *medium, bool *known)
+{
+    const char *preset = "";
+    bool v3 = p->dialect.dialect == DIALECT_V3;
+    medium->absorption = v3 ? vec3(0.0011f, 0.0024f, 0.014f) : vec3(1, 1, 1);
+    medium->scattering = v3 ? vec3(2.55f, 3.21f, 3.77f) : vec3(1, 1, 1);
+    *known = false;
+    TRY(params_string(params, "preset", &preset));
+    if (*preset == '\0') return result_ok();
+    *known = named_medium_coefficients(preset, &medium->absorption, &medium->scattering);
+    if (*known) return result_ok();
+    return report_tolerate(p->report, params_where(params, "preset", at),
+                           "no preset is called \"%.60s\"; it is ignored, as by pbrt", preset);
+}
+
+/* In v4 a preset goes before coefficients, which are left unread. */
+static result_t read_coefficients(pbrt_t *p, params_t *params, position_t at, bool presets,
+                                  blob_medium_t *medium)
+{
+    double scale = 1, g = 0;
+    bool known = false;
+    medium->absorption = medium->scattering = vec3(1, 1, 1);
+    if (presets) TRY(read_preset(p, params, at, medium, &known));
+    if (!known || p->dialect.dialect == DIALECT_V3) {
+        TRY(pbrt_colour(p, params, "sigma_a", COLOUR_UNBOUNDED, &medium->absorption));
+        TRY(pbrt_colour(p, params, "sigma_s", COLOUR_UNBOUNDED, &medium->scattering));
+    }
+    TRY(params_float_in(params, "scale", 0, 1e30, &scale));
+    medium->absorption = v_scale(medium->absorption, (float)scale);
+    medium->scattering = v_scale(medium->scattering, (float)scale);
+    if (!is_rate(medium->absorption) || !is_rate(medium->scattering))
+        return error_at(at, "sigma_a and sigma_s, times the scale, must be from 0 to %g", largest);
+    TRY(params_float(params, "g", &g));
+    medium->g = (float)g;
+    if (medium->g > -1 && medium->g < 1) return result_ok();
+    return error_at(params_where(params, "g", at), "g is %g, but must be over -1 and below 1", g);
+}
+
+/* What a medium of v4 shines: `Le` is the radiance of an infinite depth of what absorbs and does not scatter.
+ */
+static result_t read_emission(pbrt_t *p, params_t *params, position_t at, double scale, blob_medium_t *medium)
+{
+    rgb_t radiance = vec3(0, 0, 0);
+    TRY(pbrt_colour(p, params, "Le", COLOUR_LIGHT, &radiance));
+    medium->emission = v_scale(v_mul(medium->absorption, radiance), (float)scale);
+    if (is_rate(medium->emission)) return result_ok();
+    return error_at(params_where(params, "Le", at), "Le, times sigma_a, must be from 0 to %g", largest);
+}
+
+static result_t read_cells(params_t *params, uint32_t cells[3])
+{
+    static const char *const names[3] = {"nx", "ny", "nz"};
+    for (int i = 0; i < 3; ++i) {
+        int32_t count = 1;
+        TRY(params_int_in(params, names[i], 1, BLOB_MAX_GRID_SIDE, &count));
+        cells[i] = (uint32_t)count;
+    }
+    return result_ok();
+}
+
+/* The grid fills the box from p0 to p1 of the current transform's space. */
+static result_t place_grid(pbrt_t *p, params_t *params, position_t at, blob_medium_t *medium)
+{
+    const unsigned types = PARAM_BIT(PARAM_POINT3) | PARAM_BIT(PARAM_VECTOR3);
+    double p0[3] = {0}, p1[3] = {1, 1, 1}, sides[3];
+    affine_t close, t;
+    xform_t inverse;
+    TRY(params_point(params, "p0", types, p0));
+    TRY(params_point(params, "p1", types, p1));
+    for (int i = 0; i < 3; ++i) sides[i] = p1[i] - p0[i];
+    if (pbrt_motion(p, at, &t, &close))
+        report_warning(p->report, at,
+                       "media do not move: this one stands where it is when the shutter opens");
+    affine_t corner = affine_translation(p0), stretch = affine_scaling(sides);
+    t = affine_multiply(&t, &corner);
+    t = affine_multiply(&t, &stretch);
+    medium->world_from_grid = affine_to_xform(&t);
+    if (xform_invert(&medium->world_from_grid, &inverse)) return result_ok();
+    return error_at(at, "the box of this medium's grid, from p0 to p1 under the current transform, has no "
+                        "volume, or is not finite");
+}
+
+static result_t add_densities(pbrt_t *p, position_t at, const double *numbers, size_t count,
+                              blob_medium_t *medium)
+{
+    float *densities = mem_alloc(count * sizeof *densities);
+    for (size_t i = 0; i < count; ++i) {
+        densities[i] = (float)numbers[i];
+        if (numbers[i] >= 0 && numbers[i] <= largest) continue;
+        free(densities);
+        return error_at(at, "density number %zu is %g, but must be from 0 to %g", i, numbers[i], largest);
+    }
+    medium->first_density =
+        blob_builder_add(p->builder->blob, BLOB_SECTION_NUMBERS, densities, (uint32_t)count);
+    free(densities);
+    return result_ok();
+}
+
+static result_t read_grid(pbrt_t *p, params_t *params, position_t at, blob_medium_t *medium)
+{
+    const double *numbers;
+    size_t count;
+    TRY(params_array(params, "density", PARAM_BIT(PARAM_FLOAT), 1, &numbers, &count));
+    TRY(read_cells(params, medium->cells));
+    TRY(place_grid(p, params, at, medium));
+    const uint32_t *n = medium->cells;
+    uint64_t cells = (uint64_t)n[0] * n[1] * n[2];
+    at = params_where(params, "density", at);
+    if (count != cells)
+        return error_at(at, "%zu densities for a grid of nx x ny x nz = %u x %u x %u cells; give %llu", count,
+                        n[0], n[1], n[2], (unsigned long long)cells);
+    return add_densities(p, at, numbers, count, medium);
+}
+
+/* ---- the types ----------------------------------------------------------------------------------------- */
+
+static result_t make_homogeneous(pbrt_t *p, params_t *params, position_t at, blob_medium_t *medium)
+{
+    double scale = 1;
+    TRY(read_coefficients(p, params, at, true, medium));
+    if (p->dialect.dialect == DIALECT_V3) return result_ok();
+    TRY(params_float_in(params, "Lescale", 0, 1e30, &scale));
+    return read_emission(p, params, at, scale, medium);
+}
+
+static result_t make_heterogeneous(pbrt_t *p, params_t *params, position_t at, blob_medium_t *medium)
+{
+    TRY(read_coefficients(p, params, at, true, medium));
+    return read_grid(p, params, at, medium);
+}
+
+/* v4's "Lescale" has a number for each cell. Here what a place emits goes with its density, so they must be
+ * the same. */
+static result_t read_emission_scale(params_t *params, position_t at, uint64_t cells, double *scale)
+{
+    const double *numbers;
+    size_t count;
+    *scale = 1;
+    TRY(params_array(params, "Lescale", PARAM_BIT(PARAM_FLOAT), 1, &numbers, &count));
+    if (count == 0) return result_ok();
+    at = params_where(params, "Lescale", at);
+    if (count != cells)
+        return error_at(at, "%zu numbers of \"Lescale\" for %llu cells; give as many", count,
+                        (unsigned long long)cells);
+    for (size_t i = 0; i < count; ++i)
+        if (!(numbers[i] >= 0 && numbers[i] == numbers[0]))
+            return error_at(at, "a \"Lescale\" that varies is not supported; give one without negative "
+                                "numbers whose numbers are all the same");
+    *scale = numbers[0];
+    return result_ok();
+}
+
+static result_t make_uniform_grid(pbrt_t *p, params_t *params, position_t at, blob_medium_t *medium)
+{
+    static const param_rule_t rules[] = {
+        {{"temperature", "temperatureoffset", "temperaturecutoff", "temperaturescale"},
+         PARAM_REFUSE,
+         "media that glow by their temperature are not supported"},
+    };
+    double scale;
+    TRY(read_coefficients(p, params, at, false, medium));
+    TRY(read_grid(p, params, at, medium));
+    uint64_t cells = (uint64_t)medium->cells[0] * medium->cells[1] * medium->cells[2];
+    TRY(read_emission_scale(params, at, cells, &scale));
+    TRY(read_emission(p, params, at, scale, medium));
+    return params_apply(params, rules, ARRAY_LENGTH(rules), p->report);
+}
+
+typedef struct {
+    dialect_entry_t entry;
+    result_t (*make)(pbrt_t *p, params_t *params, position_t at, blob_medium_t *medium);
+} medium_entry_t;
+
+static const medium_entry_t types[] = {
+    {{"homogeneous", DIALECT_BOTH}, make_homogeneous},
+    {{"heterogeneous", DIALECT_V3}, make_heterogeneous},
+    {{"uniformgrid", DIALECT_V4}, make_uniform_grid},
+};
+
+/* ---- the directives ------------------------------------------------------------------------------------ */
+
+static result_t make_medium(pbrt_t *p, position_t at, const char *type, uint32_t index)
+{
+    size_t row;
+    blob_medium_t record = {.world_from_grid = xform_identity()};
+    TRY(entry_find(types, ARRAY_LENGTH(types), sizeof *types, "medium", type, &p->dialect,
+                   params_where(p->params, "type", at), &row));
+    TRY(types[row].make(p, p->params, at, &record));
+    record.name = blob_builder_string(p->builder->blob, p->media[index].name);
+    p->media[index].record = 1 + blob_builder_add(p->builder->blob, BLOB_SECTION_MEDIA, &record, 1);
+    return pbrt_finish_params(p, "MakeNamedMedium", p->media[index].name);
+}
+
+/* A medium that is made again: what has it keeps the old one, as in pbrt-v3. */
+static result_t forget(pbrt_t *p, medium_t *medium, position_t at)
+{
+    if (!medium->made) return result_ok();
+    if (p->dialect.dialect == DIALECT_V4)
+        return error_at(at, "the medium \"%.60s\" has been made before, in line %u", medium->name,
+                        medium->at.line);
+    report_warning(p->report, at, "the medium \"%.60s\" of line %u is replaced", medium->name,
+                   medium->at.line);
+    medium->record = 0;
+    return result_ok();
+}
+
+result_t pbrt_make_named_medium(pbrt_t *p, position_t at)
+{
+    const char *type = NULL;
+    TRY(pbrt_read_string(p, 0, "the medium's name"));
+    TRY(pbrt_read_params_for(p, TARGET_MEDIUM));
+    TRY(params_string(p->params, "type", &type));
+    if (!type) return pbrt_slip(p, at, "it is left out", "MakeNamedMedium needs a parameter \"string type\"");
+    if (p->arguments[0][0] == '\0') return error_at(at, "the medium's name is empty");
+    uint32_t index = entry_of(p, p->arguments[0], at) - 1;
+    medium_t *medium = &p->media[index];
+    TRY(forget(p, medium, at));
+    medium->made = true;
+    medium->told = false;
+    medium->at = at;
+    snprintf(medium->type, sizeof medium->type, "%s", type);
+    if (entry_knows(types, ARRAY_LENGTH(types), sizeof *types, type)) return make_medium(p, at, type, index);
+    report_warning(p->report, at,
+                   "medium \"%.60s\" is ignored: the type \"%.40s\" is not supported, using it is an error",
+                   medium->name, type);
+    return result_ok();
+}
+
+result_t pbrt_medium_interface(pbrt_t *p, position_t at)
+{
+    token_t token;
+    TRY(pbrt_read_string(p, 0, "the name of the medium inside"));
+    p->now.media[0] = p->now.media[1] = entry_of(p, p->arguments[0], at);
+    TRY(lexer_peek(&p->lexer, &token));
+    if (token.kind != TOKEN_STRING) return result_ok();
+    TRY(pbrt_read_string(p, 0, "the name of the medium outside"));
+    p->now.media[1] = entry_of(p, p->arguments[0], at);
+    return result_ok();
+}
+
+/* ---- what has them ------------------------------------------------------------------------------------- */
+
+result_t pbrt_media_in_force(pbrt_t *p, blob_ref_t media[2])
+{
+    TRY(find(p, p->now.media[0], &media[0]));
+    return find(p, p->now.media[1], &media[1]);
+}
+
+result_t pbrt_medium_outside(pbrt_t *p, blob_ref_t *medium)
+{
+    return find(p, p->now.media[1], medium);
+}
+
+/* A reference that had to wait. */
+static result_t settle(pbrt_t *p, blob_ref_t *ref)
+{
+    if (!(*ref & LATE)) return result_ok();
+    medium_t *medium = &p->media[*ref & ~LATE];
+    *ref = medium->record;
+    return *ref != 0 ? result_ok() : refuse(p, medium);
+}
+
+static result_t settle_shapes(pbrt_t *p, uint32_t object)
+{
+    size_t count;
+    blob_shape_t *shapes = scene_shapes(p->builder, object, &count);
+    for (size_t i = 0; i < count; ++i) {
+        TRY(settle(p, &shapes[i].media[0]));
+        TRY(settle(p, &shapes[i].media[1]));
+    }
+    return result_ok();
+}
+
+/* The camera stands outside of the interface in force at its directive. pbrt-v3 takes what is in force at
+ * WorldEnd. */
+static result_t settle_camera(pbrt_t *p, position_t at)
+{
+    if (p->dialect.dialect == DIALECT_V3 && p->now.media[1] != p->camera_medium)
+        report_warning(p->report, p->camera_at.line ? p->camera_at : at,
+                       "the camera stands in the medium outside of the MediumInterface at Camera; pbrt-v3 "
+                       "puts it into that at WorldEnd, which is another: let both be the same");
+    TRY(find(p, p->camera_medium, &p->scene.medium));
+    return settle(p, &p->scene.medium);
+}
+
+result_t pbrt_finish_media(pbrt_t *p, position_t at)
+{
+    uint32_t count = blob_builder_count(p->builder->blob, BLOB_SECTION_LIGHTS);
+    blob_light_t *lights = blob_builder_records(p->builder->blob, BLOB_SECTION_LIGHTS);
+    for (uint32_t i = 0; i < count; ++i) TRY(settle(p, &lights[i].medium));
+    for (uint32_t object = 0; object < p->builder->object_count; ++object) TRY(settle_shapes(p, object));
+    if (!p->knows_media && blob_builder_count(p->builder->blob, BLOB_SECTION_MEDIA) > 0)
+        report_warning(p->report, p->integrator_at.line ? p->integrator_at : at,
+                       "the scene has media, which pbrt's integrator does not show; here they are shown, as "
+                       "by \"volpath\"");
+    return settle_camera(p, at);
+}
