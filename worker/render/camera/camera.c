@@ -403,6 +403,7 @@ bool camera_project(const camera_t *camera, vec3_t p, vec2_t lens, float time, f
     if (!(distance2 > 0)) return false;
     view->w = v_scale(d, 1 / sqrtf(distance2));
     view->density *= density_factor(camera, at, v_sub(q, from));
-    if (!camera->ops->parallel) view->density /= distance2;
+    view->parallel = camera->ops->parallel;
+    if (!view->parallel) view->density /= distance2;
     return true;
 }

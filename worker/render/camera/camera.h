@@ -29,6 +29,7 @@ typedef struct {
     vec2_t raster;   /* where it is on the film, in pixels, x right, y down */
     vec3_t position; /* the point of the lens it is joined to */
     vec3_t w;        /* unit direction from the point to there */
+    bool parallel;   /* as of rays */
     float density;   /* of eye rays at the point, per area across them, over the whole film */
 } camera_view_t;
 

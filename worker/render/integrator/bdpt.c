@@ -156,12 +156,6 @@ static bool survives(const half_t *b, float brightness, uint32_t dimension, uint
     return true;
 }
 
-/* What is along the way from the camera to a light vertex, where it begins. */
-static medium_t camera_medium(const half_t *b, const vertex_t *y, vec3_t w)
-{
-    return (medium_t){vertex_medium(y, w).attenuation, scene_blob(b->setup->scene)->scene->medium};
-}
-
 /* t = 1: joins a light vertex to the camera. */
 static void join_camera(half_t *b, const vertex_t *y)
 {
@@ -169,7 +163,10 @@ static void join_camera(half_t *b, const vertex_t *y)
     bsdf_value_t fy;
     if (!sample_join_camera(b->sample, vertex_point(y), y->dimension, &view) || !vertex_eval(y, view.w, &fy))
         return;
+    medium_t medium = vertex_medium(y, view.w);
+    float length = v_length(v_sub(view.position, vertex_point(y)));
     float r = view.density * vertex_area_cosine(y, view.w);
+    if (!view.parallel) r *= medium_fade(b->setup, medium.number, length);
     float direct = b->path.last / later_light_worth * first_light_count(b->setup, b->path.source);
     float count = strategy_count(y, direct);
     float weight = weight_of(b, mis_share_counted(y, r, fy.pdf_rev, count) / square(splat_worth));
@@ -178,9 +175,9 @@ static void join_camera(half_t *b, const vertex_t *y)
     if (v_is_zero(value)) return;
     float brightness = setup_brightness(b->setup, view.raster.x, view.raster.y);
     if (!survives(b, brightness, y->dimension + DIMENSION_LIGHT_SURVIVE, 0, &value)) return;
-    int n =
-        connections_add(&b->connections, b->setup, view.position, vertex_exit(y, view.w),
-                        camera_medium(b, y, view.w), v_length(v_sub(view.position, vertex_point(y))), value);
+    medium.number = b->setup->medium; /* where the connection begins */
+    int n = connections_add(&b->connections, b->setup, view.position, vertex_exit(y, view.w), medium, length,
+                            value);
     b->lights[n] = b->path.source;
     b->rasters[n] = view.raster;
     b->dimensions[n] = y->dimension;
@@ -238,9 +235,15 @@ static void join_light(half_t *b, const vertex_t *z, uint32_t k)
     float weight;
     if (!vertex_view_light(z, b->sample, k, &light)) return;
     float r_eye = light.arrival * vertex_area_cosine(z, light.w);
+    medium_t medium = vertex_medium(z, light.w);
+    float length = v_length(v_sub(light.target, vertex_point(z))), fade = 1;
+    if (!light.at_infinity) {
+        r_eye *= medium_fade(b->setup, medium.number, length);
+        fade = medium_fade(b->setup, light.medium, length);
+    }
     if (vertex_eval(z, light.w, &fz)) {
         float counted = light.density * (z->first ? first_light_worth : later_light_worth);
-        float light_share = light.delta ? 0 : square(fz.pdf * light.geometry / counted);
+        float light_share = light.delta ? 0 : square(fz.pdf * fade * light.geometry / counted);
         float eye_share = mis_share_counted(z, r_eye, fz.pdf_rev, strategy_count(z, splat_worth)) *
                           square(light.pdf_place / counted);
         weight = weight_of(b, light_share + eye_share);
@@ -251,8 +254,8 @@ static void join_light(half_t *b, const vertex_t *z, uint32_t k)
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), light.radiance);
     if (v_is_zero(value)) return;
     if (!survives(b, b->brightness, z->dimension + DIMENSION_SURVIVE, k, &value)) return;
-    int n = connections_add(&b->connections, b->setup, vertex_exit(z, light.w), light.target,
-                            vertex_medium(z, light.w), v_length(v_sub(light.target, vertex_point(z))), value);
+    int n = connections_add(&b->connections, b->setup, vertex_exit(z, light.w), light.target, medium, length,
+                            value);
     b->lights[n] = light.light;
     b->paths[n] = NULL;
 }
@@ -268,8 +271,11 @@ static void join_vertices(half_t *b, const vertex_t *z, const light_choice_t *ch
     vec3_t w = v_scale(d, 1 / distance), back = v_neg(w);
     bsdf_value_t fz, fy;
     if (!vertex_eval(z, w, &fz) || !vertex_eval(y, back, &fy)) return;
+    medium_t medium = vertex_medium(z, w);
     float r_light = fz.pdf * vertex_area_cosine(y, w) / distance2;
     float r_eye = fy.pdf * vertex_area_cosine(z, w) / distance2;
+    r_light *= medium_fade(b->setup, vertex_medium(y, back).number, distance);
+    r_eye *= medium_fade(b->setup, medium.number, distance);
     float light_share = mis_share_counted(y, r_light, fy.pdf_rev, strategy_count(y, choice->path->last));
     float eye_share = mis_share_counted(z, r_eye, fz.pdf_rev, strategy_count(z, splat_worth));
     float weight = weight_of(b, (light_share + eye_share) / square(inner_worth)) * choice->factor;
@@ -277,8 +283,8 @@ static void join_vertices(half_t *b, const vertex_t *z, const light_choice_t *ch
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), v_mul(y->throughput, fy.f));
     if (v_is_zero(value)) return;
     if (!survives(b, b->brightness, z->dimension + DIMENSION_SURVIVE, LIGHTS_FIRST_MOST + k, &value)) return;
-    int n = connections_add(&b->connections, b->setup, vertex_exit(z, w), vertex_exit(y, back),
-                            vertex_medium(z, w), distance, value);
+    int n = connections_add(&b->connections, b->setup, vertex_exit(z, w), vertex_exit(y, back), medium,
+                            distance, value);
     b->lights[n] = choice->path->source;
     b->paths[n] = choice->path;
     b->dimensions[n] = z->dimension + DIMENSION_SURVIVE;

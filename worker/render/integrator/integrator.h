@@ -21,6 +21,7 @@ typedef struct {
     const lights_t *lights;
     const camera_t *camera;
     const media_t *media; /* NULL: there are none */
+    blob_ref_t medium;    /* that the camera stands in */
     filter_t filter;
     bool moves;                  /* the camera or something in the scene: samples have a time */
     bool regularizes;            /* blob_scene_t */

@@ -56,8 +56,11 @@ static bool meet_medium(walk_t *walk, sample_t *sample, vec3_t from, float dista
 static void pass_media(walk_t *walk, sample_t *sample, bool hit, vertex_t *vertex)
 {
     enum { MOST_BORDERS = 1000 }; /* that lie on one another may be without end */
+    const media_t *media = sample->setup->media;
     media_numbers_t numbers = distance_numbers(walk, sample);
     vec3_t from = walk->origin;
+    blob_ref_t start = walk->medium.number;
+    walk->fade = walk->fade_back = 1;
     for (int i = 0;; i++) {
         float distance = hit ? v_length(v_sub(vertex_point(vertex), from)) : INFINITY;
         if (walk->medium.number != 0 && meet_medium(walk, sample, from, distance, &numbers, vertex)) break;
@@ -68,6 +71,12 @@ static void pass_media(walk_t *walk, sample_t *sample, bool hit, vertex_t *verte
         hit = look_on(walk, sample, from, vertex);
     }
     vertex->media[0] = vertex->media[1] = walk->medium.number;
+    if (vertex->kind == VERTEX_SKY) return;
+    if (!walk->parallel && (walk->medium.number != 0 || start != 0)) {
+        float length = v_length(v_sub(vertex_point(vertex), walk->point));
+        walk->fade = media_fade(media, walk->medium.number, length);
+        walk->fade_back = media_fade(media, start, length);
+    }
     if (vertex->kind == VERTEX_SURFACE && vertex->surface.shape->flags & SHAPE_INTERFACE)
         for (int i = 0; i < 2; i++) vertex->media[i] = vertex->surface.shape->media[i];
 }

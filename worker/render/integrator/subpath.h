@@ -75,7 +75,9 @@ typedef struct {
     vec3_t point;             /* vertex i - 1 */
     float cosine;             /* |direction . geometric normal| there; 1 where there is none */
     rgb_t throughput;
-    medium_t medium;     /* along the ray; once it has arrived, where it did */
+    medium_t medium; /* along the ray; once it has arrived, where it did */
+    /* medium_fade of the last segment, with the medium at its end and at its start; 1 from or to infinity. */
+    float fade, fade_back;
     rgb_t glow;          /* of an eye subpath: what the media on its way have emitted so far */
     float pdf;           /* of the ray: per steradian, of parallel rays per area across */
     float pdf_rev;       /* of the way back at vertex i - 1: q_{i-1} */
@@ -133,7 +135,9 @@ static inline walk_t walk_from_camera(sample_t *sample, roulette_t roulette)
                     .point = ray.origin,
                     .cosine = 1,
                     .throughput = vec3(1, 1, 1),
-                    .medium = {.number = scene_blob(sample->setup->scene)->scene->medium},
+                    .medium = {.number = sample->setup->medium},
+                    .fade = 1,
+                    .fade_back = 1,
                     .pdf = ray.pdf,
                     .last = splat_worth,
                     .seeks = CAUSTICS_NOWHERE,
@@ -160,6 +164,8 @@ static inline bool walk_from_light(const sample_t *sample, roulette_t roulette, 
                      .cosine = ray->cosine,
                      .throughput = ray->throughput,
                      .medium = {.number = ray->medium},
+                     .fade = 1,
+                     .fade_back = 1,
                      .pdf = ray->pdf_ray,
                      .direct = ray->delta ? 0 : 1 / square(ray->pdf_place),
                      .light = ray->light,
@@ -180,7 +186,7 @@ static inline float walk_density(const walk_t *walk, const vertex_t *vertex, flo
     *distance2 = 1;
     if (vertex->kind == VERTEX_SKY) return walk->pdf;
     if (!walk->parallel) *distance2 = v_length2(v_sub(vertex_point(vertex), walk->point));
-    return walk->pdf * vertex_area_cosine(vertex, walk->direction) / *distance2;
+    return walk->pdf * walk->fade * vertex_area_cosine(vertex, walk->direction) / *distance2;
 }
 
 /* Notes at the vertex what weights of its paths need. To be called at each vertex on arrival, or at none.
@@ -192,7 +198,7 @@ static inline bool walk_weigh(walk_t *walk, vertex_t *vertex)
     vertex->inv_p2 = 1 / square(p);
     vertex->direct = walk->joinable ? vertex->inv_p2 : 0;
     vertex->merging = 0;
-    vertex->inner = square(walk->cosine / distance2) * vertex->inv_p2 * chain;
+    vertex->inner = square(walk->fade_back * walk->cosine / distance2) * vertex->inv_p2 * chain;
     walk->direct = square(strategy_count(vertex, walk->last)) * vertex->direct;
     walk->inner = vertex->inner;
     return vertex->kind == VERTEX_SKY || (p > 0x1p-60f && p < 0x1p60f);

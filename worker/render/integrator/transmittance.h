@@ -30,6 +30,12 @@ static inline blob_ref_t medium_behind(const surface_t *surface, vec3_t w)
  * each other; `length` apart. There may be media with their borders in between. */
 rgb_t media_between(sample_t *sample, vec3_t from, vec3_t to, const medium_t *medium, float length);
 
+/* media_fade, in any scene. */
+static inline float medium_fade(const setup_t *setup, blob_ref_t medium, float distance)
+{
+    return medium == 0 ? 1 : media_fade(setup->media, medium, distance);
+}
+
 /* True when media_between must be asked. */
 static inline bool media_matter(const setup_t *setup, const medium_t *medium)
 {

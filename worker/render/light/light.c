@@ -329,7 +329,10 @@ static bool ask(const lights_t *lights, uint32_t number, float nearness, float t
                 float choice, vec2_t place, light_view_t *out)
 {
     const light_t *light = &lights->lights[number];
-    *out = (light_view_t){.light = number, .view_ratio = light->view_ratio * nearness, .nearness = nearness};
+    *out = (light_view_t){.light = number,
+                          .medium = light->record->medium,
+                          .view_ratio = light->view_ratio * nearness,
+                          .nearness = nearness};
     if (!kinds[light->record->kind]->illuminate(light, choice, point, place, out)) return false;
     out->density = out->pdf_place * out->view_ratio * times;
     return true;

@@ -69,6 +69,7 @@ typedef struct {
 typedef struct {
     uint32_t light;
     vec3_t w;                    /* unit direction from the point to the place */
+    blob_ref_t medium;           /* that it shines into there */
     vec3_t target;               /* where the segment to it ends, off the light already */
     rgb_t radiance;              /* towards the point; of a point light the intensity */
     float pdf_place, view_ratio; /* as in light_ray_t, for the point; */

@@ -287,6 +287,13 @@ static vec3_t draw_direction(const light_t *light, vec3_t n, vec2_t u)
     return v_add(v_add(v_scale(s, local.x), v_scale(t, local.y)), v_scale(n, local.z));
 }
 
+/* The medium on the side where the cosine to the normal is that. */
+static blob_ref_t medium_at(const light_t *light, float cosine)
+{
+    const blob_shape_t *shape = &scene_blob(light->scene)->shapes[light->record->shape];
+    return shape->flags & SHAPE_INTERFACE ? shape->media[cosine > 0] : light->record->medium;
+}
+
 static bool emit(const light_t *light, float choice, vec2_t place, vec2_t ray, light_ray_t *out)
 {
     spot_t spot;
@@ -302,8 +309,7 @@ static bool emit(const light_t *light, float choice, vec2_t place, vec2_t ray, l
     out->origin = offset(&spot, out->direction);
     out->pdf_place = spot.pdf;
     out->cosine = fabsf(cosine);
-    const blob_shape_t *shape = &scene_blob(light->scene)->shapes[light->record->shape];
-    if (shape->flags & SHAPE_INTERFACE) out->medium = shape->media[cosine > 0];
+    out->medium = medium_at(light, cosine);
     out->throughput = v_scale(radiance_of_spot(light, &spot), out->cosine / (out->pdf_ray * spot.pdf));
     return !v_is_zero(out->throughput);
 }
@@ -320,6 +326,7 @@ static bool illuminate(const light_t *light, float choice, vec3_t point, vec2_t 
     if (cosine == 0 || (cosine < 0 && !is_two_sided(light))) return false;
     out->radiance = radiance_of_spot(light, &spot);
     out->target = offset(&spot, v_neg(out->w));
+    out->medium = medium_at(light, cosine);
     out->delta = is_unseen(light);
     out->pdf_place = spot.pdf;
     out->geometry = fabsf(cosine) / distance2;

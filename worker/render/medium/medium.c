@@ -9,6 +9,7 @@
 typedef struct {
     rgb_t scattering, extinction, emission;
     float most; /* of the extinction, by channel */
+    float mean; /* of the scattering */
     float g;
     bool emits;
     density_t *density; /* NULL: 1 everywhere */
@@ -35,6 +36,7 @@ media_t *media_new(const scene_blob_t *blob, bool empty)
         m->extinction = v_add(record->absorption, record->scattering);
         m->emission = record->emission;
         m->most = v_max(m->extinction);
+        m->mean = v_dot(m->scattering, vec3(1, 1, 1)) / 3;
         m->g = record->g;
         m->emits = !v_is_zero(record->emission);
         if (record->cells[0] > 0) m->density = density_new(blob, record);
@@ -249,6 +251,13 @@ rgb_t media_transmittance(const media_t *media, blob_ref_t medium, vec3_t from, 
     const matter_t *m = &media->matter[medium - 1];
     if (m->density != NULL) return transmit_grid(m, from, direction, distance, numbers);
     return fade_rgb(m->extinction, distance);
+}
+
+float media_fade(const media_t *media, blob_ref_t medium, float distance)
+{
+    const float least = 1e-6f; /* so that squares of densities stay numbers */
+    if (medium == 0 || media->matter[medium - 1].density != NULL) return 1;
+    return float_max(fade(media->matter[medium - 1].mean, distance), least);
 }
 
 rgb_t media_emission(const media_t *media, blob_ref_t medium, vec3_t from, vec3_t direction, float distance,

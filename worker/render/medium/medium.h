@@ -50,6 +50,9 @@ bool media_scatter(const media_t *media, blob_ref_t medium, vec3_t from, vec3_t 
 /* What is left of light over a distance that may be INFINITY: an estimate where there is a grid. */
 rgb_t media_transmittance(const media_t *media, blob_ref_t medium, vec3_t from, vec3_t direction,
                           float distance, media_numbers_t *numbers);
+/* About the chance to get over a distance without being scattered, for weights: a function of the medium and
+ * the distance alone, and 1 where there is a grid. */
+float media_fade(const media_t *media, blob_ref_t medium, float distance);
 /* What a medium emits on such a way, as it arrives at its start: an estimate where there is a grid. */
 rgb_t media_emission(const media_t *media, blob_ref_t medium, vec3_t from, vec3_t direction, float distance,
                      media_numbers_t *numbers);
