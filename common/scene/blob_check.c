@@ -276,7 +276,8 @@ static result_t check_interface(const scene_blob_t *blob, const blob_shape_t *sh
               ref_is_valid(shape->media[1], parts ? media : 0),
           "shape %llu: parts media that it cannot part", id);
     CHECK(blob->materials[shape->material].kind != MATERIAL_INTERFACE ||
-              (parts && shape->light == BLOB_NONE && shape->kind != SHAPE_CURVES),
+              (parts && shape->media[0] != shape->media[1] && shape->light == BLOB_NONE &&
+               shape->kind != SHAPE_CURVES),
           "shape %llu: is nothing but the border of media, which such a shape cannot be", id);
     return result_ok();
 }

@@ -26,7 +26,7 @@ static rgb_t pass_borders(sample_t *sample, vec3_t from, vec3_t to, blob_ref_t n
     for (int i = 0; i < MOST_BORDERS; i++) {
         surface_t surface;
         sample->result->counts.rays++;
-        bool hit = scene_intersect(setup->scene, from, w, sample->time, &surface);
+        bool hit = scene_find_border(setup->scene, from, w, sample->time, &surface);
         float rest = length - gone, distance = hit ? v_length(v_sub(surface.p, from)) : INFINITY;
         bool last = !(distance < rest) || !surface_is_interface(&surface);
         if (number != 0)
@@ -47,7 +47,7 @@ rgb_t media_between(sample_t *sample, vec3_t from, vec3_t to, const medium_t *me
     if (!v_is_zero(medium->attenuation)) left = medium_transmittance(medium, length);
     if (setup->media == NULL) return left;
     media_numbers_t numbers = numbers_between(sample, from, to);
-    if (media_have_borders(setup->media))
+    if (scene_has_borders(setup->scene))
         return v_mul(left, pass_borders(sample, from, to, medium->number, length, &numbers));
     if (medium->number == 0) return left;
     vec3_t w = v_scale(v_sub(to, from), 1 / v_length(v_sub(to, from)));

@@ -39,7 +39,7 @@ static inline float medium_fade(const setup_t *setup, blob_ref_t medium, float d
 /* True when media_between must be asked. */
 static inline bool media_matter(const setup_t *setup, const medium_t *medium)
 {
-    return medium_absorbs(medium) || (setup->media != NULL && media_have_borders(setup->media));
+    return medium_absorbs(medium) || (setup->media != NULL && scene_has_borders(setup->scene));
 }
 
 /* What of light (or of importance) arrives that sets out from one point to another. `from` and `to` are off

@@ -17,7 +17,6 @@ typedef struct {
 
 struct media {
     uint32_t count;
-    bool borders;
     matter_t matter[]; /* [count] */
 };
 
@@ -27,8 +26,6 @@ media_t *media_new(const scene_blob_t *blob, bool empty)
     if (count == 0) return NULL;
     media_t *media = mem_zalloc(1, sizeof *media + count * sizeof(matter_t));
     media->count = count;
-    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_SHAPES]; i++)
-        if (blob->materials[blob->shapes[i].material].kind == MATERIAL_INTERFACE) media->borders = true;
     for (uint32_t i = 0; i < count && !empty; i++) {
         const blob_medium_t *record = &blob->media[i];
         matter_t *m = &media->matter[i];
@@ -51,11 +48,6 @@ void media_destroy(media_t **media)
     for (uint32_t i = 0; i < self->count; i++) density_destroy(&self->matter[i].density);
     free(self);
     *media = NULL;
-}
-
-bool media_have_borders(const media_t *media)
-{
-    return media->borders;
 }
 
 bool media_emits(const media_t *media, blob_ref_t medium)

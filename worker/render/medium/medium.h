@@ -39,8 +39,6 @@ typedef struct {
 media_t *media_new(const scene_blob_t *blob, bool empty);
 /* Frees them and sets *media to NULL. */
 void media_destroy(media_t **media);
-/* True when shapes may lie between two points that can see each other, for they only part media. */
-bool media_have_borders(const media_t *media);
 
 /* Follows light through a medium, from a point in a unit direction, for a distance that may be INFINITY.
  * True when it is scattered at the distance *at. *throughput: the light before, and what is left of it then,

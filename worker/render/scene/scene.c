@@ -71,6 +71,7 @@ void scene_destroy(scene_t **scene)
     scene_t *self = *scene;
     if (self == NULL) return;
     for (uint64_t k = 0; k < self->blob->counts[BLOB_SECTION_OBJECTS]; k++) rtcReleaseScene(self->objects[k]);
+    if (self->borders != NULL) rtcReleaseScene(self->borders);
     rtcReleaseDevice(self->device);
     textures_destroy(&self->textures);
     free(self->varies);

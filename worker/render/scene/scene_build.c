@@ -54,6 +54,18 @@ static bool is_picture(const scene_blob_t *blob, const blob_shape_t *shape)
     return shape->light != BLOB_NONE && (blob->lights[shape->light].flags & LIGHT_PICTURE) != 0;
 }
 
+/* Notes a border of media, which goes to one of the objects. */
+static void add_border(scene_t *scene, RTCScene to, RTCGeometry made, uint32_t id)
+{
+    if (to != scene->objects[0]) {
+        scene->has_placed_borders = true;
+        return;
+    }
+    if (scene->borders == NULL) scene->borders = rtcNewScene(scene->device);
+    rtcCommitGeometry(made);
+    rtcAttachGeometryByID(scene->borders, made, id);
+}
+
 static void add_shape(scene_t *scene, RTCScene to, uint32_t shape_index, uint32_t id)
 {
     const blob_shape_t *shape = &scene->blob->shapes[shape_index];
@@ -83,6 +95,7 @@ static void add_shape(scene_t *scene, RTCScene to, uint32_t shape_index, uint32_
     if (shape->kind == SHAPE_MESH &&
         (!stops_all || geometry->border || !alpha_is_opaque(&shape->shadow_alpha)))
         rtcSetGeometryOccludedFilterFunction(made, alpha_filter_shadow);
+    if (geometry->border) add_border(scene, to, made, id);
     attach(to, made, id);
 }
 
@@ -143,4 +156,9 @@ void scene_build(scene_t *scene)
         }
         rtcCommitScene(scene->objects[k]);
     }
+    if (scene->borders != NULL) rtcCommitScene(scene->borders);
+    if (!scene->has_placed_borders) return;
+    if (scene->borders != NULL) rtcReleaseScene(scene->borders);
+    scene->borders = scene->world;
+    rtcRetainScene(scene->borders);
 }

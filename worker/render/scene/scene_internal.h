@@ -21,13 +21,16 @@ struct scene {
     RTCDevice device;
     RTCScene world;
     RTCScene *objects;       /* [objects]; objects[0] is the world */
+    RTCScene borders;        /* the borders of media alone; NULL: there are none. The world, if some are in
+                                instances */
     geometry_t *geometries;  /* [shapes] */
     quadric_t *quadrics;     /* [quadrics] */
     instance_t *instances;   /* [instances] */
     uint32_t *curve_indices; /* 0, 4, 8, ... for the longest set of curves */
     uint32_t first_instance; /* geometry id of instance 0 in the world */
     bool moves;
-    float reach; /* coordinates of rays must stay below it: see instance_reach */
+    bool has_placed_borders; /* borders of media in instances */
+    float reach;             /* coordinates of rays must stay below it: see instance_reach */
 };
 
 /* True when Embree can be asked about rays with such an origin or direction. */
