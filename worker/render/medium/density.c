@@ -73,25 +73,20 @@ static float cell_at(const density_t *d, int x, int y, int z)
     return d->cells[cell_index(d->count, x, y, z)];
 }
 
-float density_at(const density_t *d, vec3_t p)
+/* The densities at the corners of a cube between the middles of eight cells, the first of which is that. */
+static void corners_at(const density_t *d, const int first[3], float corners[8])
 {
-    vec3_t q = xform_point(&d->from_world, p);
-    if (!(q.x >= 0 && q.x <= 1 && q.y >= 0 && q.y <= 1 && q.z >= 0 && q.z <= 1)) return 0;
-    float at[3] = {q.x * (float)d->count[0] - 0.5f, q.y * (float)d->count[1] - 0.5f,
-                   q.z * (float)d->count[2] - 0.5f};
-    int first[3];
-    float part[3], sum = 0;
-    for (int i = 0; i < 3; i++) {
-        float below = floorf(at[i]);
-        first[i] = (int)below;
-        part[i] = at[i] - below;
-    }
-    for (int k = 0; k < 8; k++) {
-        float weight = (k & 1 ? part[0] : 1 - part[0]) * (k & 2 ? part[1] : 1 - part[1]) *
-                       (k & 4 ? part[2] : 1 - part[2]);
-        sum += weight * cell_at(d, first[0] + (k & 1), first[1] + (k >> 1 & 1), first[2] + (k >> 2));
-    }
-    return sum;
+    for (int k = 0; k < 8; k++)
+        corners[k] = cell_at(d, first[0] + (k & 1), first[1] + (k >> 1 & 1), first[2] + (k >> 2));
+}
+
+/* What is interpolated between them. */
+static float between(const float corners[8], const float part[3])
+{
+    float lines[4], faces[2];
+    for (int k = 0; k < 4; k++) lines[k] = corners[2 * k] + part[0] * (corners[2 * k + 1] - corners[2 * k]);
+    for (int k = 0; k < 2; k++) faces[k] = lines[2 * k] + part[1] * (lines[2 * k + 1] - lines[2 * k]);
+    return faces[0] + part[2] * (faces[1] - faces[0]);
 }
 
 /* ---- along a ray --------------------------------------------------------------------------------------- */
@@ -123,6 +118,29 @@ void march_begin(march_t *march, const density_t *d, vec3_t from, vec3_t directi
                          march->origin.y + march->at * march->direction.y,
                          march->origin.z + march->at * march->direction.z};
     for (int i = 0; i < 3; i++) march->block[i] = (int)float_clamp(at[i], 0, (float)(d->blocks[i] - 1));
+}
+
+/* A place of the ray among the middles of cells. */
+static void place_along(const march_t *march, float t, float at[3])
+{
+    float side = (float)march->density->side;
+    at[0] = (march->origin.x + t * march->direction.x) * side - 0.5f;
+    at[1] = (march->origin.y + t * march->direction.y) * side - 0.5f;
+    at[2] = (march->origin.z + t * march->direction.z) * side - 0.5f;
+}
+
+float density_along(const march_t *march, float t)
+{
+    float at[3], corners[8];
+    int first[3];
+    place_along(march, t, at);
+    for (int i = 0; i < 3; i++) {
+        float below = floorf(at[i]);
+        first[i] = (int)below;
+        at[i] -= below;
+    }
+    corners_at(march->density, first, corners);
+    return between(corners, at);
 }
 
 /* How far along the ray it leaves the block across an axis. */

@@ -16,9 +16,6 @@ typedef struct density density_t;
 density_t *density_new(const scene_blob_t *blob, const blob_medium_t *medium);
 /* Frees it and sets *density to NULL. */
 void density_destroy(density_t **density);
-/* What is there, not negative; 0 outside of the box. */
-float density_at(const density_t *density, vec3_t p);
-
 /* A ray on its way through the blocks. */
 typedef struct {
     const density_t *density;
@@ -32,5 +29,7 @@ void march_begin(march_t *march, const density_t *density, vec3_t from, vec3_t d
 /* Goes on to the next piece: it lies between the distances *begin and *end, and has at most the density
  * *most, which may be 0. False when there is none. */
 bool march_next(march_t *march, float *begin, float *end, float *most);
+/* The density at a distance that lies on one of its pieces. */
+float density_along(const march_t *march, float distance);
 
 #endif

@@ -111,7 +111,7 @@ static bool scatter_evenly(const matter_t *m, float distance, float u, rgb_t *th
 {
     rgb_t shares = shares_of(*throughput);
     float chosen = choose(shares, m->scattering, &u);
-    float t = chosen > 0 ? -log1pf(-u) / chosen : INFINITY;
+    float t = chosen > 0 ? -logf(1 - u) / chosen : INFINITY;
     bool met = t < distance;
     if (!met) t = distance;
     rgb_t density = fade_rgb(m->scattering, t), left = fade_rgb(m->extinction, t);
@@ -137,7 +137,7 @@ static float faded_length(float a, float distance)
 /* How far it is to the next tentative collision, by a bound on the extinction. */
 static float step_of(media_numbers_t *numbers, float bound)
 {
-    return -log1pf(-next_number(numbers)) / bound;
+    return -logf(1 - next_number(numbers)) / bound;
 }
 
 /* A tentative collision where the extinction is at most `bound`; true when light is scattered. */
@@ -168,7 +168,7 @@ static bool scatter_in_grid(const matter_t *m, vec3_t from, vec3_t direction, fl
         float bound = most * m->most;
         if (!(bound > 0)) continue;
         for (float t = begin + step_of(numbers, bound); t < end; t += step_of(numbers, bound)) {
-            float density = density_at(m->density, v_mad(from, t, direction));
+            float density = density_along(&march, t);
             if (collide(m, density, bound, numbers, throughput)) {
                 *at = t;
                 return true;
@@ -191,7 +191,7 @@ static rgb_t transmit_grid(const matter_t *m, vec3_t from, vec3_t direction, flo
         float bound = most * m->most;
         if (!(bound > 0)) continue;
         for (float t = begin + step_of(numbers, bound); t < end; t += step_of(numbers, bound)) {
-            rgb_t lost = v_scale(m->extinction, density_at(m->density, v_mad(from, t, direction)) / bound);
+            rgb_t lost = v_scale(m->extinction, density_along(&march, t) / bound);
             left = v_mul(left,
                          vec3(float_max(1 - lost.x, 0), float_max(1 - lost.y, 0), float_max(1 - lost.z, 0)));
             float chance = v_max(left);
@@ -217,7 +217,7 @@ static rgb_t emit_in_grid(const matter_t *m, vec3_t from, vec3_t direction, floa
         float bound = most * float_max(m->most, 1e-9f);
         if (!(most > 0)) continue;
         for (float t = begin + step_of(numbers, bound); t < end; t += step_of(numbers, bound)) {
-            float density = density_at(m->density, v_mad(from, t, direction)) / bound;
+            float density = density_along(&march, t) / bound;
             rgb_t lost = v_scale(m->extinction, density);
             sum = v_add(sum, v_mul(left, v_scale(m->emission, density)));
             left = v_mul(left,
