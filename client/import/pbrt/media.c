@@ -351,7 +351,6 @@ result_t pbrt_finish_media(pbrt_t *p, position_t at)
     TRY(place_camera(p, at));
     for (size_t i = 0; i < p->medium_count; ++i)
         if (p->media[i].awaited && p->media[i].record == 0) TRY(refuse(p, &p->media[i]));
-    settle(p, &p->scene.medium);
     settle_all(p);
     if (!p->knows_media && blob_builder_count(p->builder->blob, BLOB_SECTION_MEDIA) > 0)
         report_warning(p->report, p->integrator_at.line ? p->integrator_at : at,

@@ -75,10 +75,11 @@ static void add_shapes(blob_builder_t *builder)
     const blob_value_t opaque = blob_constant(1), masked = {{1, 1, 1}, 1};
     uint32_t name = blob_builder_string(builder, "scene.pbrt:7");
     const uint32_t flags = SHAPE_FLIP | SHAPE_CUTOUT | SHAPE_INTERFACE;
-    const blob_shape_t shapes[4] = {{SHAPE_MESH, 0, 0, 0, 0, name, opaque, opaque, {0, 0}},
-                                    {SHAPE_QUADRIC, 0, 1, BLOB_NONE, flags, name, masked, opaque, {1, 3}},
-                                    {SHAPE_CURVES, 1, 3, BLOB_NONE, 0, name, opaque, opaque, {0, 0}},
-                                    {SHAPE_MESH, 1, 2, BLOB_NONE, 0, 0, opaque, opaque, {0, 0}}};
+    const blob_shape_t shapes[4] = {
+        {SHAPE_MESH, 0, 0, 0, SHAPE_INTERFACE, name, opaque, opaque, {0, 2}},
+        {SHAPE_QUADRIC, 0, 1, BLOB_NONE, flags, name, masked, opaque, {1, 3}},
+        {SHAPE_CURVES, 1, 3, BLOB_NONE, SHAPE_INTERFACE, name, opaque, opaque, {1, 0}},
+        {SHAPE_MESH, 1, 2, BLOB_NONE, 0, 0, opaque, opaque, {0, 0}}};
     add_mesh(builder, false);
     add_mesh(builder, true);
     add_curves(builder);
@@ -662,6 +663,8 @@ static void media_are_checked(void **state)
          "shape 0: is nothing but the border of media"}, /* it emits */
         {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 2, kind), MATERIAL_INTERFACE,
          "shape 3: is nothing but the border of media"}, /* it parts none */
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 3, kind), MATERIAL_INTERFACE,
+         "shape 2: is nothing but the border of media"}, /* curves */
         {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 1, kind), MATERIAL_INTERFACE,
          "material 4 is malformed"}, /* a mix of it */
         {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 1, medium), 4, "light 1: shines into no medium 4"},

@@ -4,6 +4,7 @@
 
 #define FOG "MakeNamedMedium \"fog\" \"string type\" \"homogeneous\"\n"
 #define MILK "MakeNamedMedium \"milk\" \"string type\" \"homogeneous\" \"string preset\" \"Skimmilk\"\n"
+#define CLOUD(name) "MakeNamedMedium \"" name "\" \"string type\" \"cloud\"\n"
 #define SPHERE "Shape \"sphere\"\n"
 #define TRIANGLE "Shape \"trianglemesh\" \"point P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 1 2]\n"
 #define POINT_LIGHT "LightSource \"point\"\n"
@@ -316,6 +317,10 @@ static void pbrt_v3_may_make_a_medium_again(void **state)
     expect_media(shape(&bench, 0), 1, 0);
     expect_media(shape(&bench, 1), 2, 0);
     expect_error(&bench, true, FOG FOG, "s.pbrt:4:1: the medium \"fog\" has been made before, in line 3");
+    expect_error(&bench, false, FOG "MediumInterface \"fog\" \"\"\n" CLOUD("fog") SPHERE,
+                 "s.pbrt:5:1: medium \"fog\": the type \"cloud\" is not supported");
+    expect_error(&bench, false, "MediumInterface \"a\" \"\"\n" SPHERE CLOUD("a") SPHERE,
+                 "s.pbrt:5:1: medium \"a\": the type \"cloud\" is not supported");
     bench_close(&bench);
 }
 
@@ -330,9 +335,7 @@ static void pbrt_v4_may_make_a_medium_later(void **state)
     expect_media(shape(&bench, 1), 2, 1);
     assert_int_equal(light(&bench, 0)->medium, 1);
     bench.lenient = true;
-    run(&bench, true,
-        "MediumInterface \"a\" \"\"\n" POINT_LIGHT SPHERE
-        "MakeNamedMedium \"a\" \"string type\" \"cloud\"\n");
+    run(&bench, true, "MediumInterface \"a\" \"\"\n" POINT_LIGHT SPHERE CLOUD("a"));
     bench_expect_ok(&bench);
     expect_text(bench.warnings, "s.pbrt:6:1: medium \"a\": the type \"cloud\" is not supported");
     assert_int_equal(shape(&bench, 0)->media[0], 0);
@@ -458,6 +461,21 @@ static void the_camera_stands_outside(void **state)
                       "MediumInterface \"\" \"fog\"\n" SPHERE);
     bench_expect_silence(&bench);
     assert_int_equal(bench.blob.scene->medium, 0);
+    bench_close(&bench);
+}
+
+static void the_camera_may_come_before_its_medium(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_run(
+        &bench,
+        "Film \"rgb\"\nMediumInterface \"fog\"\nCamera \"perspective\"\nWorldBegin\n" POINT_LIGHT MILK FOG);
+    bench_expect_silence(&bench);
+    assert_int_equal(bench.blob.scene->medium, 2);
+    bench_run(&bench,
+              "Film \"rgb\"\nMediumInterface \"fog\"\nCamera \"perspective\"\nWorldBegin\n" POINT_LIGHT);
+    expect_text(bench.result.message, "s.pbrt:2:1: there is no MakeNamedMedium \"fog\"");
     bench_close(&bench);
 }
 
@@ -642,6 +660,7 @@ int main(void)
         cmocka_unit_test(lights_shine_into_the_medium_outside),
         cmocka_unit_test(lights_with_images_do_so_too),
         cmocka_unit_test(the_camera_stands_outside),
+        cmocka_unit_test(the_camera_may_come_before_its_medium),
         cmocka_unit_test(pbrt_v3_may_put_the_camera_elsewhere),
         cmocka_unit_test(shapes_of_objects_have_media),
         cmocka_unit_test(an_interface_stays_where_it_parts_media),
