@@ -190,9 +190,20 @@ static result_t make_homogeneous(pbrt_t *p, params_t *params, position_t at, blo
     return read_emission(p, params, at, scale, medium);
 }
 
+/* Whether the same share of light is lost in all colours. */
+static bool is_grey(const blob_medium_t *medium)
+{
+    rgb_t loss = v_add(medium->absorption, medium->scattering);
+    return v_max(loss) - fminf(fminf(loss.x, loss.y), loss.z) <= 1e-5f * v_max(loss);
+}
+
 static result_t make_heterogeneous(pbrt_t *p, params_t *params, position_t at, blob_medium_t *medium)
 {
     TRY(read_coefficients(p, params, at, true, medium));
+    if (!is_grey(medium))
+        report_warning(p->report, at,
+                       "sigma_a + sigma_s differs between colours: pbrt-v3 takes that of red for all, here "
+                       "each colour has its own");
     return read_grid(p, params, at, medium);
 }
 

@@ -128,7 +128,7 @@ static void a_grid_has_its_densities_and_its_place(void **state)
             POINT_LIGHT
             "Translate 10 0 0 Scale 2 2 2\nMakeNamedMedium \"a\" \"string type\" \"%s\" \"integer nx\" 3 "
             "\"integer ny\" 2 \"integer nz\" 1 \"float density\" [0 1 2 3 4 5.5] \"point3 p0\" [-1 0 1] "
-            "\"point3 p1\" [2 1 3] \"rgb sigma_a\" [1 2 3] \"rgb sigma_s\" [4 5 6] \"float scale\" 2 "
+            "\"point3 p1\" [2 1 3] \"rgb sigma_a\" [1 2 3] \"rgb sigma_s\" [6 5 4] \"float scale\" 2 "
             "\"float g\" 0.25\n",
             v4 ? "uniformgrid" : "heterogeneous");
         run_quietly(&bench, v4, text);
@@ -139,19 +139,38 @@ static void a_grid_has_its_densities_and_its_place(void **state)
         expect_vec3(xform_point(&m->world_from_grid, vec3(0, 0, 0)), 8, 0, 2);
         expect_vec3(xform_point(&m->world_from_grid, vec3(1, 1, 1)), 14, 2, 6);
         expect_vec3(m->absorption, 2, 4, 6);
-        expect_vec3(m->scattering, 8, 10, 12);
+        expect_vec3(m->scattering, 12, 10, 8);
         expect_near((double)m->g, 0.25, 0);
         free(text);
         bench_close(&bench);
     }
 }
 
+static void pbrt_v3s_grids_are_grey(void **state)
+{
+    (void)state;
+#define GRID                                                                                                 \
+    POINT_LIGHT                                                                                              \
+    "MakeNamedMedium \"a\" \"string type\" \"heterogeneous\" \"float density\" 7 \"rgb sigma_a\" "           \
+    "[.6 .7 .9] "
+    bench_t bench = {0};
+    run_quietly(&bench, false, GRID "\"rgb sigma_s\" [2.4 2.3 2.1]\n");
+    run(&bench, false, GRID "\"rgb sigma_s\" [2.4 2.3 2.2]\n");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings,
+                "s.pbrt:4:1: sigma_a + sigma_s differs between colours: pbrt-v3 takes that of red");
+    expect_vec3(medium(&bench, 0)->scattering, 2.4, 2.3, 2.2);
+#undef GRID
+    bench_close(&bench);
+}
+
 static void a_grid_fills_the_unit_cube_if_nothing_is_said(void **state)
 {
     (void)state;
     bench_t bench = {0};
-    run_quietly(&bench, false,
-                POINT_LIGHT "MakeNamedMedium \"a\" \"string type\" \"heterogeneous\" \"float density\" 7\n");
+    run(&bench, false,
+        POINT_LIGHT "MakeNamedMedium \"a\" \"string type\" \"heterogeneous\" \"float density\" 7\n");
+    bench_expect_ok(&bench);
     const blob_medium_t *m = medium(&bench, 0);
     assert_true(m->cells[0] == 1 && m->cells[1] == 1 && m->cells[2] == 1);
     expect_vec3(xform_point(&m->world_from_grid, vec3(1, 1, 1)), 1, 1, 1);
@@ -645,6 +664,7 @@ int main(void)
         cmocka_unit_test(coefficients_have_the_defaults_of_the_dialect),
         cmocka_unit_test(presets_are_known_by_name),
         cmocka_unit_test(a_grid_has_its_densities_and_its_place),
+        cmocka_unit_test(pbrt_v3s_grids_are_grey),
         cmocka_unit_test(a_grid_fills_the_unit_cube_if_nothing_is_said),
         cmocka_unit_test(media_glow),
         cmocka_unit_test(attributes_are_defaults_of_media),
