@@ -167,8 +167,8 @@ static const struct {
                {BLOB_SECTION_TRIANGLES, "triangles"}, {BLOB_SECTION_POSITIONS, "vertices"},
                {BLOB_SECTION_QUADRICS, "quadrics"},   {BLOB_SECTION_CURVES, "curves"},
                {BLOB_SECTION_MATERIALS, "materials"}, {BLOB_SECTION_TEXTURES, "textures"},
-               {BLOB_SECTION_IMAGES, "images"},       {BLOB_SECTION_MEDIA, "media"},
-               {BLOB_SECTION_LIGHTS, "lights"}};
+               {BLOB_SECTION_IMAGES, "images"},       {BLOB_SECTION_LIGHTS, "lights"},
+               {BLOB_SECTION_MEDIA, "media"}};
 
 /* The name of an enumerator, from a table that is indexed by it. */
 static const char *name_in(const char *const *names, size_t count, uint32_t kind)
@@ -379,6 +379,7 @@ static void print_light(const scene_blob_t *blob, size_t index)
     if ((light->flags & LIGHT_PORTAL) != 0)
         printf("  through a portal of %g x %g", (double)v_length(light->portal[1]),
                (double)v_length(light->portal[2]));
+    if (light->medium != 0) printf("  in medium %u", light->medium - 1);
     print_name(blob, light->kind == LIGHT_AREA ? blob->shapes[light->shape].name : 0);
 }
 
@@ -396,6 +397,7 @@ static void print_camera(const blob_scene_t *scene)
                (double)(scene->screen_window[3] - scene->screen_window[2]));
     print_rgb("at", vec3(m[0][3], m[1][3], m[2][3]));
     print_rgb("looks along", v_normalize(vec3(m[0][2], m[1][2], m[2][2])));
+    if (scene->medium != 0) printf("  in medium %u", scene->medium - 1);
     printf("\nfilter: %s, radius %g x %g pixels\n", NAME_IN(filters, scene->filter.kind),
            (double)scene->filter.radius_x, (double)scene->filter.radius_y);
 }
@@ -409,8 +411,8 @@ static const struct {
 } listed[] = {{BLOB_SECTION_MATERIALS, print_material},
               {BLOB_SECTION_TEXTURES, print_texture},
               {BLOB_SECTION_IMAGES, print_image_record},
-              {BLOB_SECTION_MEDIA, print_medium},
-              {BLOB_SECTION_LIGHTS, print_light}};
+              {BLOB_SECTION_LIGHTS, print_light},
+              {BLOB_SECTION_MEDIA, print_medium}};
 
 static void print_scene(const char *path, const scene_blob_t *blob)
 {
@@ -500,7 +502,7 @@ const command_t info_command = {
     .about = "Describes FILE, which may be\n"
              "- an OpenEXR image: size, channels with their range, attributes\n"
              "- a scene (.pbrt, .gltf, .glb, .obj, .xml, or a folder with a scene.pbrt) or a scene blob: "
-             "counts, camera, materials, textures, images, media, lights",
+             "counts, camera, materials, textures, images, lights, media",
     .groups = {{&info_options, 0}, {&scene_options, offsetof(values_t, wishes)}},
     .size = sizeof(values_t),
     .begin = scene_options_begin, /* the first member */

@@ -408,7 +408,9 @@ static result_t check_materials(const scene_blob_t *blob)
                      ref_is_valid(m->coat_normal_map, textures) && isfinite(m->coat_normal_scale);
         for (int k = 0; k < MATERIAL_VALUES && valid; k++) valid = value_is_valid(&m->values[k], textures);
         if (valid && m->kind == MATERIAL_MIX) {
-            valid = m->parts[0] < i && m->parts[1] < i;
+            valid = m->parts[0] < i && m->parts[1] < i &&
+                    blob->materials[m->parts[0]].kind != MATERIAL_INTERFACE &&
+                    blob->materials[m->parts[1]].kind != MATERIAL_INTERFACE;
             if (valid) depths[i] = (uint8_t)(1 + int_max(depths[m->parts[0]], depths[m->parts[1]]));
             valid = valid && depths[i] <= BLOB_MAX_MIX_DEPTH;
         }

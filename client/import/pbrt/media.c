@@ -52,6 +52,7 @@ static result_t find(pbrt_t *p, uint32_t entry, blob_ref_t *ref)
     *ref = medium->record;
     if (*ref != 0) return result_ok();
     if (medium->made || p->dialect.dialect == DIALECT_V3) return refuse(p, medium);
+    medium->awaited = true;
     *ref = LATE | (entry - 1);
     return result_ok();
 }
@@ -189,9 +190,20 @@ static result_t make_homogeneous(pbrt_t *p, params_t *params, position_t at, blo
     return read_emission(p, params, at, scale, medium);
 }
 
+/* Whether the same share of light is lost in all colours. */
+static bool is_grey(const blob_medium_t *medium)
+{
+    rgb_t loss = v_add(medium->absorption, medium->scattering);
+    return v_max(loss) - fminf(fminf(loss.x, loss.y), loss.z) <= 1e-5f * v_max(loss);
+}
+
 static result_t make_heterogeneous(pbrt_t *p, params_t *params, position_t at, blob_medium_t *medium)
 {
     TRY(read_coefficients(p, params, at, true, medium));
+    if (!is_grey(medium))
+        report_warning(p->report, at,
+                       "sigma_a + sigma_s differs between colours: pbrt-v3 takes that of red for all, here "
+                       "each colour has its own");
     return read_grid(p, params, at, medium);
 }
 
@@ -318,46 +330,42 @@ result_t pbrt_medium_outside(pbrt_t *p, blob_ref_t *medium)
 }
 
 /* A reference that had to wait. */
-static result_t settle(pbrt_t *p, blob_ref_t *ref)
+static void settle(const pbrt_t *p, blob_ref_t *ref)
 {
-    if (!(*ref & LATE)) return result_ok();
-    medium_t *medium = &p->media[*ref & ~LATE];
-    *ref = medium->record;
-    return *ref != 0 ? result_ok() : refuse(p, medium);
+    if (*ref & LATE) *ref = p->media[*ref & ~LATE].record;
 }
 
-static result_t settle_shapes(pbrt_t *p, uint32_t object)
+static void settle_all(pbrt_t *p)
 {
-    size_t count;
-    blob_shape_t *shapes = scene_shapes(p->builder, object, &count);
-    for (size_t i = 0; i < count; ++i) {
-        TRY(settle(p, &shapes[i].media[0]));
-        TRY(settle(p, &shapes[i].media[1]));
+    size_t count = blob_builder_count(p->builder->blob, BLOB_SECTION_LIGHTS);
+    blob_light_t *lights = blob_builder_records(p->builder->blob, BLOB_SECTION_LIGHTS);
+    for (size_t i = 0; i < count; ++i) settle(p, &lights[i].medium);
+    for (uint32_t object = 0; object < p->builder->object_count; ++object) {
+        blob_shape_t *shapes = scene_shapes(p->builder, object, &count);
+        for (size_t i = 0; i < 2 * count; ++i) settle(p, &shapes[i / 2].media[i % 2]);
     }
-    return result_ok();
 }
 
 /* The camera stands outside of the interface in force at its directive. pbrt-v3 takes what is in force at
  * WorldEnd. */
-static result_t settle_camera(pbrt_t *p, position_t at)
+static result_t place_camera(pbrt_t *p, position_t at)
 {
     if (p->dialect.dialect == DIALECT_V3 && p->now.media[1] != p->camera_medium)
         report_warning(p->report, p->camera_at.line ? p->camera_at : at,
                        "the camera stands in the medium outside of the MediumInterface at Camera; pbrt-v3 "
                        "puts it into that at WorldEnd, which is another: let both be the same");
-    TRY(find(p, p->camera_medium, &p->scene.medium));
-    return settle(p, &p->scene.medium);
+    return find(p, p->camera_medium, &p->scene.medium);
 }
 
 result_t pbrt_finish_media(pbrt_t *p, position_t at)
 {
-    uint32_t count = blob_builder_count(p->builder->blob, BLOB_SECTION_LIGHTS);
-    blob_light_t *lights = blob_builder_records(p->builder->blob, BLOB_SECTION_LIGHTS);
-    for (uint32_t i = 0; i < count; ++i) TRY(settle(p, &lights[i].medium));
-    for (uint32_t object = 0; object < p->builder->object_count; ++object) TRY(settle_shapes(p, object));
+    TRY(place_camera(p, at));
+    for (size_t i = 0; i < p->medium_count; ++i)
+        if (p->media[i].awaited && p->media[i].record == 0) TRY(refuse(p, &p->media[i]));
+    settle_all(p);
     if (!p->knows_media && blob_builder_count(p->builder->blob, BLOB_SECTION_MEDIA) > 0)
         report_warning(p->report, p->integrator_at.line ? p->integrator_at : at,
                        "the scene has media, which pbrt's integrator does not show; here they are shown, as "
                        "by \"volpath\"");
-    return settle_camera(p, at);
+    return result_ok();
 }

@@ -180,6 +180,30 @@ static void textures_images_and_lights_are_described(void **state)
     free(path);
 }
 
+static void media_are_described(void **state)
+{
+    static const char scene[] =
+        "MakeNamedMedium \"fog\" \"string type\" \"homogeneous\" \"rgb sigma_a\" [1 2 3] \"rgb sigma_s\" [4 "
+        "5 6]\n"
+        "MediumInterface \"\" \"fog\"\nCamera \"perspective\"\nWorldBegin\nScale 2 2 2\n"
+        "MakeNamedMedium \"smoke\" \"string type\" \"uniformgrid\" \"integer ny\" 2 \"float density\" [1 2] "
+        "\"float g\" 0.5 \"rgb Le\" [1 2 3]\n"
+        "LightSource \"point\" Material \"interface\" Shape \"sphere\"\n";
+    char *path = scratch_path(*state, "s.pbrt");
+    scratch_write(path, scene, sizeof scene - 1);
+    assert_says(*state, NULL, path, "lights     1\nmedia      2\n");
+    assert_says(*state, NULL, path, "looks along 0 0 1  in medium 0\n");
+    assert_says(*state, NULL, path, "light 0: point  intensity 1 1 1  in medium 0\n");
+    assert_says(*state, NULL, path, "material 0: interface \n");
+    assert_says(*state, NULL, path, "medium 0:  absorption 1 2 3  scattering 4 5 6  g 0  fog\n");
+    assert_says(
+        *state, NULL, path,
+        "medium 1:  absorption 1 1 1  scattering 1 1 1  emission 1 2 3  g 0.5  in 1 x 2 x 1 cells  smoke\n");
+    assert_says(*state, "--json", path, "\"media\": 2");
+    assert_says(*state, "--json", path, "\"material_kinds\": [\"interface\"]");
+    free(path);
+}
+
 static void blobs_are_described_like_their_scene(void **state)
 {
     char *path = scratch_path(*state, "scene.blob"), *of_scene, *of_blob;
@@ -237,6 +261,7 @@ int main(void)
                                        TEST(terminals_are_safe),
                                        TEST(scenes_are_described),
                                        TEST(textures_images_and_lights_are_described),
+                                       TEST(media_are_described),
                                        TEST(blobs_are_described_like_their_scene),
                                        TEST(errors_name_the_file)};
     return cmocka_run_group_tests_name("info", tests, NULL, NULL);

@@ -59,7 +59,8 @@ static void add_curves(blob_builder_t *builder)
     blob_builder_add(builder, BLOB_SECTION_CURVES, curves, 2);
 }
 
-/* World: a lamp (mesh 0), a sphere with alpha from texture 0, curves; object 1: a smooth mesh, placed once.
+/* World: a lamp (mesh 0), a sphere of fog with alpha from texture 0, curves; object 1: a smooth mesh, placed
+ * once.
  */
 static void add_shapes(blob_builder_t *builder)
 {
@@ -73,11 +74,12 @@ static void add_shapes(blob_builder_t *builder)
     const blob_instance_t instance = {1, xform_identity(), xform_identity()};
     const blob_value_t opaque = blob_constant(1), masked = {{1, 1, 1}, 1};
     uint32_t name = blob_builder_string(builder, "scene.pbrt:7");
+    const uint32_t flags = SHAPE_FLIP | SHAPE_CUTOUT | SHAPE_INTERFACE;
     const blob_shape_t shapes[4] = {
-        {SHAPE_MESH, 0, 0, 0, 0, name, opaque, opaque},
-        {SHAPE_QUADRIC, 0, 1, BLOB_NONE, SHAPE_FLIP | SHAPE_CUTOUT, name, masked, opaque},
-        {SHAPE_CURVES, 1, 3, BLOB_NONE, 0, name, opaque, opaque},
-        {SHAPE_MESH, 1, 2, BLOB_NONE, 0, 0, opaque, opaque}};
+        {SHAPE_MESH, 0, 0, 0, SHAPE_INTERFACE, name, opaque, opaque, {0, 2}},
+        {SHAPE_QUADRIC, 0, 1, BLOB_NONE, flags, name, masked, opaque, {1, 3}},
+        {SHAPE_CURVES, 1, 3, BLOB_NONE, SHAPE_INTERFACE, name, opaque, opaque, {1, 0}},
+        {SHAPE_MESH, 1, 2, BLOB_NONE, 0, 0, opaque, opaque, {0, 0}}};
     add_mesh(builder, false);
     add_mesh(builder, true);
     add_curves(builder);
@@ -87,12 +89,30 @@ static void add_shapes(blob_builder_t *builder)
     blob_builder_add(builder, BLOB_SECTION_INSTANCES, &instance, 1);
 }
 
+/* Medium 0: fog; 1 and 2: clouds of two cells, in one of which the camera stands. */
+static void add_media(blob_builder_t *builder)
+{
+    const float densities[2] = {0, 3};
+    blob_medium_t medium = {.absorption = {1, 2, 3}, .scattering = {4, 5, 6}, .g = 0.5f};
+    medium.name = blob_builder_string(builder, "fog");
+    medium.world_from_grid = xform_identity();
+    blob_builder_add(builder, BLOB_SECTION_MEDIA, &medium, 1);
+    for (int i = 0; i < 2; i++) {
+        medium.cells[0] = 2;
+        medium.cells[1] = medium.cells[2] = 1;
+        medium.first_density = blob_builder_add(builder, BLOB_SECTION_NUMBERS, densities, 2);
+        blob_builder_add(builder, BLOB_SECTION_MEDIA, &medium, 1);
+    }
+    blob_scene_t *scene = blob_builder_records(builder, BLOB_SECTION_SCENE);
+    scene->medium = 2;
+}
+
 /* A lamp, a spot, and the images of a window and of the sky. */
 static void add_lights(blob_builder_t *builder)
 {
     const blob_light_t lights[4] = {
         {.kind = LIGHT_AREA, .radiance = {{5000, 4000, 3000}, 3}, .shape = 0},
-        {.kind = LIGHT_SPOT, .radiance = {{1, 2, 3}, 0}, .parameters = {0.5f, 0.9f}},
+        {.kind = LIGHT_SPOT, .radiance = {{1, 2, 3}, 0}, .medium = 1, .parameters = {0.5f, 0.9f}},
         {.kind = LIGHT_PROJECTION,
          .radiance = {{1, 1, 1}, 0},
          .image = 2,
@@ -216,6 +236,7 @@ static blob_builder_t *make_builder(void)
     add_materials(builder);
     add_tables(builder);
     add_measured(builder);
+    add_media(builder);
     return builder;
 }
 
@@ -295,6 +316,11 @@ static void everything_comes_back(void **state)
     assert_string_equal(blob.strings, "");
     assert_int_equal(blob.lights[0].shape, 0);
     assert_true(blob.lights[0].radiance.factor.y == 4000.0f);
+    assert_int_equal(blob.lights[1].medium, 1);
+    assert_int_equal(blob.shapes[1].media[1], 3);
+    assert_int_equal(blob.scene->medium, 2);
+    assert_string_equal(blob.strings + blob.media[0].name, "fog");
+    assert_true(blob.numbers[blob.media[2].first_density + 1] == 3.0f);
     for (int i = 0; i < BLOB_SECTION_COUNT; i++)
         assert_int_equal(read_u64(section_entry(bytes, (blob_section_t)i)) % 64, 0);
     job_settings_t settings = blob_default_settings(&blob);
@@ -616,6 +642,65 @@ static void bad_indices_are_errors(void **state)
     check_corruptions(corruptions, ARRAY_LENGTH(corruptions));
 }
 
+static void media_are_checked(void **state)
+{
+    (void)state;
+    const uint32_t nan = bits_of(NAN), infinite = bits_of(INFINITY), minus = bits_of(-1), one = bits_of(1);
+    uint64_t size;
+    uint8_t *bytes = make_blob(&size);
+    scene_blob_t blob;
+    assert_int_equal(blob_open(bytes, size, &blob).code, RESULT_OK);
+    const size_t densities = 4 * (size_t)blob.media[1].first_density;
+    blob_close(&blob);
+    free(bytes);
+    const corruption_t corruptions[] = {
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, media[0]), 4,
+         "shape 1: parts media that it cannot part"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, media[1]), UINT32_MAX, "shape 1: parts media"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, flags), SHAPE_CUTOUT, "shape 1: parts media"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 3, media[0]), 1, "shape 3: parts media"},
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 0, kind), MATERIAL_INTERFACE,
+         "shape 0: is nothing but the border of media"}, /* it emits */
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 2, kind), MATERIAL_INTERFACE,
+         "shape 3: is nothing but the border of media"}, /* it parts none */
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 3, kind), MATERIAL_INTERFACE,
+         "shape 2: is nothing but the border of media"}, /* curves */
+        {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 1, kind), MATERIAL_INTERFACE,
+         "material 4 is malformed"}, /* a mix of it */
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 1, medium), 4, "light 1: shines into no medium 4"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 1, medium), UINT32_MAX, "light 1: shines into no medium"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 3, medium), 1, "light 3: shines into no medium 1"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, medium), 4, "the camera stands in no medium 4"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 0, name), 1000, "medium 0: its name"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 0, absorption.x), minus, "medium 0: a coefficient"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 0, absorption.z), nan, "medium 0: a coefficient"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 1, scattering.y), infinite, "medium 1: a coefficient"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 1, scattering.z), bits_of(1.1e9f), "medium 1: a coeff"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 2, emission.x), minus, "medium 2: a coefficient"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 2, emission.y), nan, "medium 2: a coefficient"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 0, g), one, "medium 0: its g"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 0, g), minus, "medium 0: its g"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 1, g), nan, "medium 1: its g"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 1, cells[0]), 0, "medium 1: its grid has 0 x 1 x 1 cells"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 0, cells[1]), 1, "medium 0: its grid has 0 x 1 x 0 cells"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 1, cells[1]), BLOB_MAX_GRID_SIDE + 1, "2 x 4097 x 1 cells"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 1, cells[2]), UINT32_MAX, "medium 1: its grid has"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 2, cells[2]), 2, "medium 2: its densities"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 2, cells[0]), BLOB_MAX_GRID_SIDE,
+         "medium 2: its densities"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 1, cells[1]), 2, "medium 2: its densities"}, /* shared */
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 2, first_density), 0, "medium 2: its densities"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 2, first_density), UINT32_MAX, "medium 2: its densities"},
+        {BLOB_SECTION_NUMBERS, densities, minus, "medium 1: its densities"},
+        {BLOB_SECTION_NUMBERS, densities + 12, minus, "medium 2: its densities"},
+        {BLOB_SECTION_NUMBERS, densities, nan, "is not finite, or too large"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 1, world_from_grid.m[1][1]), 0, "medium 1: the transform"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 2, world_from_grid.m[0][3]), infinite,
+         "medium 2: the trans"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 2, world_from_grid.m[2][0]), nan, "medium 2: the trans"}};
+    check_corruptions(corruptions, ARRAY_LENGTH(corruptions));
+}
+
 static void bad_numbers_are_errors(void **state)
 {
     (void)state;
@@ -921,6 +1006,8 @@ static double touch_shape(const scene_blob_t *blob, const blob_shape_t *shape)
     sum += touch_material(blob, &blob->materials[shape->material]);
     sum += touch_value(blob, &shape->alpha) + touch_value(blob, &shape->shadow_alpha);
     if (shape->light != BLOB_NONE) sum += touch_value(blob, &blob->lights[shape->light].radiance);
+    for (int i = 0; i < 2; i++)
+        if (shape->media[i] != 0) sum += (double)blob->media[shape->media[i] - 1].g;
     if (shape->kind == SHAPE_MESH) return sum + touch_mesh(blob, &blob->meshes[shape->geometry]);
     if (shape->kind == SHAPE_CURVES) return sum + touch_curves(blob, &blob->curves[shape->geometry]);
     return sum + (double)blob->quadrics[shape->geometry].radius;
@@ -945,6 +1032,7 @@ static double touch_texture(const scene_blob_t *blob, const blob_texture_t *text
 static double touch_light(const scene_blob_t *blob, const blob_light_t *light)
 {
     double sum = light->image != 0 ? touch_image(blob, &blob->images[light->image - 1]) : 0;
+    if (light->medium != 0) sum += (double)blob->media[light->medium - 1].g;
     return light->kind == LIGHT_AREA ? sum + blob->shapes[light->shape].kind : sum;
 }
 
@@ -977,6 +1065,12 @@ static double touch_measured(const scene_blob_t *blob, const blob_measured_t *ta
     return sum;
 }
 
+static double touch_medium(const scene_blob_t *blob, const blob_medium_t *medium)
+{
+    uint64_t cells = (uint64_t)medium->cells[0] * medium->cells[1] * medium->cells[2];
+    return cells > 0 ? (double)blob->numbers[medium->first_density + cells - 1] : (double)medium->g;
+}
+
 /* Follows every reference that a renderer would. */
 static void touch_everything(const scene_blob_t *blob)
 {
@@ -994,6 +1088,9 @@ static void touch_everything(const scene_blob_t *blob)
         sum += touch_fourier(blob, &blob->fouriers[i]);
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_MEASUREMENTS]; i++)
         sum += touch_measured(blob, &blob->measurements[i]);
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_MEDIA]; i++)
+        sum += touch_medium(blob, &blob->media[i]);
+    if (blob->scene->medium != 0) sum += touch_medium(blob, &blob->media[blob->scene->medium - 1]);
     job_settings_t settings = blob_default_settings(blob);
     assert_int_equal(job_settings_check(&settings).code, RESULT_OK);
 }
@@ -1033,6 +1130,7 @@ int main(void)
                                        cmocka_unit_test(every_flipped_byte_is_an_error),
                                        cmocka_unit_test(bad_indices_are_errors),
                                        cmocka_unit_test(bad_numbers_are_errors),
+                                       cmocka_unit_test(media_are_checked),
                                        cmocka_unit_test(hopeless_transforms_are_errors),
                                        cmocka_unit_test(lenses_are_checked),
                                        cmocka_unit_test(depths_and_costs_are_limited),

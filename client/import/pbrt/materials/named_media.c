@@ -77,7 +77,8 @@ bool named_medium_coefficients(const char *name, rgb_t *absorption, rgb_t *scatt
 /* Of a medium with these coefficients. */
 static float reflectance(float absorption, float scattering)
 {
-    float albedo = scattering / (scattering + absorption), root = sqrtf(3 * (1 - albedo));
+    float albedo = scattering / (scattering + absorption);
+    float root = sqrtf(3 * absorption / (scattering + absorption));
     return albedo / 2 * (1 + expf(-4.0f / 3 * root)) * expf(-root);
 }
 

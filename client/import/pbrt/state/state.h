@@ -77,6 +77,7 @@ typedef struct {
     char *name;
     char type[41]; /* as it was made */
     bool made;
+    bool awaited;      /* something has it that came before it (v4) */
     bool told;         /* it has been said that it is none */
     blob_ref_t record; /* 0: not made, or of a type that is not supported */
     position_t at;     /* where it was made, or else first named */
