@@ -14,7 +14,7 @@ static const light_ops_t *const kinds[] = {LIGHT_KINDS(TABLE_ENTRY)};
  * lights that are chosen. */
 enum { PLACES = 4 };
 /* Where there is a sky: more would cost more than they bring (docs/performance.md). */
-enum { PLACES_WITH_SKY = 3 };
+enum { PLACES_WITH_SKY = 3, FEW_WITH_SKY = 3 };
 /* Of a light without lessons. */
 static const uint32_t NO_LESSON = UINT32_MAX;
 /* Of a place whose light is to be chosen. */
@@ -76,19 +76,27 @@ static void enter_places(lights_t *lights, uint32_t light, uint32_t pair, uint32
         lights->asked[lights->asked_count++] = (asked_t){light, pair, (float)k / (float)times};
 }
 
-/* Decides where the first vertex asks for places, when so many lights shine: of a few lights each has its
- * own, and one without extent, which would always answer the same, has one. */
+/* How many places a light is asked for that has some of its own, when so many shine. One without extent would
+ * always answer the same; places of a sky cost more than they bring sooner than those of others. */
+static uint32_t places_of(const lights_t *lights, const light_t *light, uint32_t shining)
+{
+    if (kinds[light->record->kind]->escape != NULL) return shining == 1 ? PLACES_WITH_SKY : 2;
+    if (light->record->kind != LIGHT_AREA || lights->sky_count > 0 || shining >= PLACES) return 1;
+    return PLACES / shining;
+}
+
+/* Decides where the first vertex asks for places, when so many lights shine: of a few lights each has its own.
+ */
 static void place_first(lights_t *lights, uint32_t shining)
 {
-    bool any = shining > LIGHTS_FIRST_MOST || lights->sky_count > 0;
-    uint32_t pair = 0, of_any = lights->sky_count > 0 ? PLACES_WITH_SKY : PLACES;
-    uint32_t of_each = 0 < shining && shining < PLACES ? PLACES / shining : 1;
+    bool has_sky = lights->sky_count > 0, any = shining > (has_sky ? FEW_WITH_SKY : LIGHTS_FIRST_MOST);
+    uint32_t pair = 0, of_any = has_sky ? PLACES_WITH_SKY : PLACES;
     if (any) enter_places(lights, ANY_LIGHT, pair, of_any);
     for (uint32_t i = 0; i < lights->count; i++) {
         light_t *light = &lights->lights[i];
         light->first_times = (float)of_any;
         if (any || !(light->chance > 0)) continue;
-        uint32_t times = light->record->kind == LIGHT_AREA ? of_each : 1;
+        uint32_t times = places_of(lights, light, shining);
         light->first_times = (float)times / light->chance;
         enter_places(lights, i, pair++, times);
     }

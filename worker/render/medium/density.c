@@ -5,7 +5,7 @@
 
 #include <stdlib.h>
 
-enum { MOST_BLOCKS_ALONG = 64, LEAST_BLOCK = 4 };
+enum { MOST_BLOCKS_ALONG = 64, LEAST_BLOCK = 4, SMALL = 64 };
 
 struct density {
     const float *cells;
@@ -166,4 +166,93 @@ bool march_next(march_t *march, float *begin, float *end, float *most)
     bool left = march->block[axis] < 0 || march->block[axis] >= d->blocks[axis] || !(at[axis] < march->end);
     march->at = left ? march->end : *end;
     return true;
+}
+
+/* ---- integrals ----------------------------------------------------------------------------------------- */
+
+bool density_is_small(const density_t *d)
+{
+    return int_max(d->count[0], int_max(d->count[1], d->count[2])) <= SMALL;
+}
+
+/* The ray in one cube between the middles of cells, where the density is a polynomial of the third degree. */
+typedef struct {
+    const march_t *march;
+    int first[3];
+    float corners[8];
+} cube_t;
+
+static float density_in(const cube_t *cube, float t)
+{
+    float at[3];
+    place_along(cube->march, t, at);
+    for (int i = 0; i < 3; i++) at[i] = float_clamp(at[i] - (float)cube->first[i], 0, 1);
+    return between(cube->corners, at);
+}
+
+/* The integral over a part of the ray in it, by Simpson's rule, which is exact here. */
+static float integrate(const cube_t *cube, float begin, float end)
+{
+    float middle = density_in(cube, 0.5f * (begin + end));
+    return (density_in(cube, begin) + 4 * middle + density_in(cube, end)) * ((end - begin) / 6);
+}
+
+/* Where in a part of it the integral is `wanted`, by bisection. */
+static float find_in_cube(const cube_t *cube, float begin, float end, float wanted)
+{
+    float low = begin, high = end;
+    for (int i = 0; i < 12; i++) {
+        float middle = 0.5f * (low + high);
+        if (integrate(cube, begin, middle) < wanted)
+            low = middle;
+        else
+            high = middle;
+    }
+    return 0.5f * (low + high);
+}
+
+/* Goes through a piece of the ray, cube by cube, until the integral is `wanted`; *sum grows until then. */
+static bool find_in_piece(const march_t *march, float begin, float end, float wanted, float *sum, float *at)
+{
+    float side = (float)march->density->side, place[3], next[3], step[3];
+    const float direction[3] = {march->direction.x * side, march->direction.y * side,
+                                march->direction.z * side};
+    cube_t cube = {.march = march};
+    place_along(march, begin, place);
+    for (int i = 0; i < 3; i++) {
+        cube.first[i] = (int)floorf(place[i]);
+        float rest =
+            direction[i] > 0 ? (float)(cube.first[i] + 1) - place[i] : place[i] - (float)cube.first[i];
+        step[i] = direction[i] != 0 ? fabsf(1 / direction[i]) : INFINITY;
+        next[i] = direction[i] != 0 ? begin + rest * step[i] : INFINITY;
+    }
+    while (begin < end) {
+        int axis = next[0] <= next[1] ? (next[0] <= next[2] ? 0 : 2) : (next[1] <= next[2] ? 1 : 2);
+        float leave = float_min(next[axis], end);
+        if (leave > begin) {
+            corners_at(march->density, cube.first, cube.corners);
+            float more = integrate(&cube, begin, leave);
+            if (*sum + more > wanted) {
+                *at = find_in_cube(&cube, begin, leave, wanted - *sum);
+                return true;
+            }
+            *sum += more;
+        }
+        begin = leave;
+        next[axis] += step[axis];
+        cube.first[axis] += direction[axis] > 0 ? 1 : -1;
+    }
+    return false;
+}
+
+bool density_find(const density_t *density, vec3_t from, vec3_t direction, float distance, float wanted,
+                  float *sum, float *at)
+{
+    march_t march;
+    float begin, end, most;
+    *sum = 0;
+    march_begin(&march, density, from, direction, distance);
+    while (march_next(&march, &begin, &end, &most))
+        if (most > 0 && find_in_piece(&march, begin, end, wanted, sum, at)) return true;
+    return false;
 }

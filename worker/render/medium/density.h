@@ -16,6 +16,13 @@ typedef struct density density_t;
 density_t *density_new(const scene_blob_t *blob, const blob_medium_t *medium);
 /* Frees it and sets *density to NULL. */
 void density_destroy(density_t **density);
+/* True when integrals along rays cost little. */
+bool density_is_small(const density_t *density);
+/* Where the integral over a distance, which may be INFINITY, from a point in a unit direction becomes
+ * `wanted`: exact but for rounding. False when it does not; *sum is then what it becomes. */
+bool density_find(const density_t *density, vec3_t from, vec3_t direction, float distance, float wanted,
+                  float *sum, float *at);
+
 /* A ray on its way through the blocks. */
 typedef struct {
     const density_t *density;

@@ -107,21 +107,31 @@ static rgb_t fade_rgb(rgb_t a, float x)
 
 /* ---- even media ---------------------------------------------------------------------------------------- */
 
-static bool scatter_evenly(const matter_t *m, float distance, float u, rgb_t *throughput, float *at)
+/* What is left when light has gone through so much of a medium of density 1, and was scattered then, or not,
+ * over the chance of it; `shares` are those of the channels that may have been chosen. */
+static rgb_t weigh(const matter_t *m, rgb_t shares, float gone, bool met, rgb_t throughput)
 {
-    rgb_t shares = shares_of(*throughput);
-    float chosen = choose(shares, m->scattering, &u);
-    float t = chosen > 0 ? -logf(1 - u) / chosen : INFINITY;
-    bool met = t < distance;
-    if (!met) t = distance;
-    rgb_t density = fade_rgb(m->scattering, t), left = fade_rgb(m->extinction, t);
+    rgb_t density = fade_rgb(m->scattering, gone), left = fade_rgb(m->extinction, gone);
     if (met) {
         density = v_mul(density, m->scattering);
         left = v_mul(left, m->scattering);
     }
     float pdf = v_dot(shares, density);
-    *throughput = pdf > 0 ? v_mul(*throughput, v_scale(left, 1 / pdf)) : vec3(0, 0, 0);
-    *at = t;
+    return pdf > 0 ? v_mul(throughput, v_scale(left, 1 / pdf)) : vec3(0, 0, 0);
+}
+
+/* Follows light where the density is 1, or where integrals over it tell how much of the medium it goes
+ * through. */
+static bool scatter_by_number(const matter_t *m, vec3_t from, vec3_t direction, float distance, float u,
+                              rgb_t *throughput, float *at)
+{
+    rgb_t shares = shares_of(*throughput);
+    float chosen = choose(shares, m->scattering, &u), through = distance;
+    float free = chosen > 0 ? -logf(1 - u) / chosen : INFINITY;
+    *at = free;
+    bool met = m->density != NULL ? density_find(m->density, from, direction, distance, free, &through, at)
+                                  : free < distance;
+    *throughput = weigh(m, shares, met ? free : through, met, *throughput);
     return met;
 }
 
@@ -134,10 +144,23 @@ static float faded_length(float a, float distance)
 
 /* ---- grids --------------------------------------------------------------------------------------------- */
 
-/* How far it is to the next tentative collision, by a bound on the extinction. */
-static float step_of(media_numbers_t *numbers, float bound)
+/* Tentative collisions along a ray, by bounds on the extinction: how much of them is left to go through
+ * before the next one. */
+static float next_collision(media_numbers_t *numbers)
 {
-    return -logf(1 - next_number(numbers)) / bound;
+    return -logf(1 - next_number(numbers));
+}
+
+/* Moves *at on to the next one, before `end`; false when there is none, and what is *left then. */
+static bool collides(float bound, float end, float *at, float *left)
+{
+    float there = *at + *left / bound;
+    if (there < end) {
+        *at = there;
+        return true;
+    }
+    *left -= (end - *at) * bound;
+    return false;
 }
 
 /* A tentative collision where the extinction is at most `bound`; true when light is scattered. */
@@ -162,12 +185,12 @@ static bool scatter_in_grid(const matter_t *m, vec3_t from, vec3_t direction, fl
                             media_numbers_t *numbers, rgb_t *throughput, float *at)
 {
     march_t march;
-    float begin, end, most;
+    float begin, end, most, free = next_collision(numbers);
     march_begin(&march, m->density, from, direction, distance);
     while (march_next(&march, &begin, &end, &most)) {
         float bound = most * m->most;
         if (!(bound > 0)) continue;
-        for (float t = begin + step_of(numbers, bound); t < end; t += step_of(numbers, bound)) {
+        for (float t = begin; collides(bound, end, &t, &free); free = next_collision(numbers)) {
             float density = density_along(&march, t);
             if (collide(m, density, bound, numbers, throughput)) {
                 *at = t;
@@ -184,13 +207,13 @@ static rgb_t transmit_grid(const matter_t *m, vec3_t from, vec3_t direction, flo
 {
     const float faint = 0.1f;
     march_t march;
-    float begin, end, most;
+    float begin, end, most, free = next_collision(numbers);
     rgb_t left = {1, 1, 1};
     march_begin(&march, m->density, from, direction, distance);
     while (march_next(&march, &begin, &end, &most)) {
         float bound = most * m->most;
         if (!(bound > 0)) continue;
-        for (float t = begin + step_of(numbers, bound); t < end; t += step_of(numbers, bound)) {
+        for (float t = begin; collides(bound, end, &t, &free); free = next_collision(numbers)) {
             rgb_t lost = v_scale(m->extinction, density_along(&march, t) / bound);
             left = v_mul(left,
                          vec3(float_max(1 - lost.x, 0), float_max(1 - lost.y, 0), float_max(1 - lost.z, 0)));
@@ -210,13 +233,13 @@ static rgb_t emit_in_grid(const matter_t *m, vec3_t from, vec3_t direction, floa
                           media_numbers_t *numbers)
 {
     march_t march;
-    float begin, end, most;
+    float begin, end, most, free = next_collision(numbers);
     rgb_t left = {1, 1, 1}, sum = {0, 0, 0};
     march_begin(&march, m->density, from, direction, distance);
     while (march_next(&march, &begin, &end, &most)) {
         float bound = most * float_max(m->most, 1e-9f);
         if (!(most > 0)) continue;
-        for (float t = begin + step_of(numbers, bound); t < end; t += step_of(numbers, bound)) {
+        for (float t = begin; collides(bound, end, &t, &free); free = next_collision(numbers)) {
             float density = density_along(&march, t) / bound;
             rgb_t lost = v_scale(m->extinction, density);
             sum = v_add(sum, v_mul(left, v_scale(m->emission, density)));
@@ -233,8 +256,9 @@ bool media_scatter(const media_t *media, blob_ref_t medium, vec3_t from, vec3_t 
                    media_numbers_t *numbers, rgb_t *throughput, float *at)
 {
     const matter_t *m = &media->matter[medium - 1];
-    if (m->density != NULL) return scatter_in_grid(m, from, direction, distance, numbers, throughput, at);
-    return scatter_evenly(m, distance, next_number(numbers), throughput, at);
+    if (m->density != NULL && !density_is_small(m->density))
+        return scatter_in_grid(m, from, direction, distance, numbers, throughput, at);
+    return scatter_by_number(m, from, direction, distance, next_number(numbers), throughput, at);
 }
 
 rgb_t media_transmittance(const media_t *media, blob_ref_t medium, vec3_t from, vec3_t direction,
