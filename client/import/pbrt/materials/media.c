@@ -3,7 +3,7 @@
  * A name gets an entry when it is first said, by either directive. An interface keeps entries; what they are
  * is asked when a shape or a light has the interface, as in pbrt-v3, where a name may change its meaning. In
  * v4 it cannot, but may come later: a reference to such a medium is LATE and an entry, until the end. */
-#include "client/import/pbrt/media.h"
+#include "client/import/pbrt/materials/media.h"
 
 #include "client/import/pbrt/materials/named_media.h"
 #include "client/import/pbrt/state/arguments.h"
