@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "client/import/pbrt/lights.h"
-#include "client/import/pbrt/media.h"
+#include "client/import/pbrt/materials/media.h"
 #include "client/import/pbrt/state/arguments.h"
 #include "client/import/pbrt/state/values.h"
 

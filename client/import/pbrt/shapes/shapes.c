@@ -2,7 +2,7 @@
  * and motion. */
 #include "client/import/pbrt/shapes/shapes.h"
 #include "client/import/pbrt/materials/materials.h"
-#include "client/import/pbrt/media.h"
+#include "client/import/pbrt/materials/media.h"
 #include "client/import/pbrt/state/arguments.h"
 #include "client/import/pbrt/state/values.h"
 

@@ -79,7 +79,7 @@ typedef struct {
     bool made;
     bool awaited;      /* something has it that came before it (v4) */
     bool told;         /* it has been said that it is none */
-    blob_ref_t record; /* 0: not made, or of a type that is not supported */
+    blob_ref_t record; /* 0: not made, or of a type that is not supported (v4) */
     position_t at;     /* where it was made, or else first named */
 } medium_t;
 

@@ -3,7 +3,7 @@
  * A name gets an entry when it is first said, by either directive. An interface keeps entries; what they are
  * is asked when a shape or a light has the interface, as in pbrt-v3, where a name may change its meaning. In
  * v4 it cannot, but may come later: a reference to such a medium is LATE and an entry, until the end. */
-#include "client/import/pbrt/media.h"
+#include "client/import/pbrt/materials/media.h"
 
 #include "client/import/pbrt/materials/named_media.h"
 #include "client/import/pbrt/state/arguments.h"
@@ -30,7 +30,7 @@ static uint32_t entry_of(pbrt_t *p, const char *name, position_t at)
     return index + 1;
 }
 
-/* About a medium that is none: said once. */
+/* About a medium that is none, since its type is not supported (v4) or nothing has made it: said once. */
 static result_t refuse(pbrt_t *p, medium_t *medium)
 {
     if (medium->told) return result_ok();
@@ -270,7 +270,7 @@ static result_t make_medium(pbrt_t *p, position_t at, const char *type, uint32_t
 }
 
 /* A medium that is made again: what has it keeps the old one, as in pbrt-v3. */
-static result_t forget(pbrt_t *p, medium_t *medium, position_t at)
+static result_t check_new(pbrt_t *p, medium_t *medium, position_t at)
 {
     if (!medium->made) return result_ok();
     if (p->dialect.dialect == DIALECT_V4)
@@ -278,7 +278,6 @@ static result_t forget(pbrt_t *p, medium_t *medium, position_t at)
                         medium->at.line);
     report_warning(p->report, at, "the medium \"%.60s\" of line %u is replaced", medium->name,
                    medium->at.line);
-    medium->record = 0;
     return result_ok();
 }
 
@@ -289,15 +288,17 @@ result_t pbrt_make_named_medium(pbrt_t *p, position_t at)
     TRY(pbrt_read_params_for(p, TARGET_MEDIUM));
     TRY(params_string(p->params, "type", &type));
     if (!type) return pbrt_slip(p, at, "it is left out", "MakeNamedMedium needs a parameter \"string type\"");
+    bool known = entry_knows(types, ARRAY_LENGTH(types), sizeof *types, type);
+    if (!known && p->dialect.dialect == DIALECT_V3)
+        return pbrt_slip(p, at, "it is left out", "unknown type of medium \"%.40s\"", type);
     if (p->arguments[0][0] == '\0') return error_at(at, "the medium's name is empty");
     uint32_t index = entry_of(p, p->arguments[0], at) - 1;
     medium_t *medium = &p->media[index];
-    TRY(forget(p, medium, at));
+    TRY(check_new(p, medium, at));
     medium->made = true;
-    medium->told = false;
     medium->at = at;
     snprintf(medium->type, sizeof medium->type, "%s", type);
-    if (entry_knows(types, ARRAY_LENGTH(types), sizeof *types, type)) return make_medium(p, at, type, index);
+    if (known) return make_medium(p, at, type, index);
     report_warning(p->report, at,
                    "medium \"%.60s\" is ignored: the type \"%.40s\" is not supported, using it is an error",
                    medium->name, type);
