@@ -196,7 +196,8 @@ static const char *const material_kinds[] = {[MATERIAL_DIFFUSE] = "diffuse",
                                              [MATERIAL_PHONG] = "phong",
                                              [MATERIAL_WARD] = "ward",
                                              [MATERIAL_WARD_DUER] = "ward-duer",
-                                             [MATERIAL_WARD_BALANCED] = "balanced ward"};
+                                             [MATERIAL_WARD_BALANCED] = "balanced ward",
+                                             [MATERIAL_HAIR] = "hair"};
 
 static const char *const texture_kinds[] = {[TEXTURE_IMAGE] = "image",
                                             [TEXTURE_SCALE] = "scale",
