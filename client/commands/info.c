@@ -280,6 +280,10 @@ static const struct {
     [VALUE_DISPERSION] = {"dispersion", true},
     [VALUE_ANISOTROPY_DIRECTION] = {"anisotropy direction", false},
     [VALUE_ANISOTROPY_TURN] = {"turned by", false},
+    [VALUE_EXPONENT] = {"exponent", true},
+    [VALUE_EUMELANIN] = {"eumelanin", true},
+    [VALUE_PHEOMELANIN] = {"pheomelanin", true},
+    [VALUE_TILT] = {"tilt", true},
 };
 
 static void print_rgb(const char *name, rgb_t value)
