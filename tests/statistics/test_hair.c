@@ -93,7 +93,11 @@ static void a_ray_meets_a_fibre_at_its_offset(void **state)
         assert_float_equal(surface->radius, RADIUS, 1e-6f);
         assert_float_equal(surface->offset, 4 * RADIUS * (fabsf(surface->ng.y) + fabsf(surface->ng.z)),
                            1e-3f);
-        assert_true(vertex_is_for_eyes(&vertex));
+        surface_details_t details; /* u along it, v across */
+        scene_details(strand.scene, surface, &details);
+        assert_float_equal(details.uv.x, 0.625f, 1e-3f);
+        assert_float_equal(details.uv.y, 0.5f + 0.5f * h, 1e-3f);
+        assert_true(details.dpdu.x > 0 && vertex_is_for_eyes(&vertex));
         assert_false(vertex_is_mergeable(&vertex));
     }
     surface_t beside;
