@@ -4,7 +4,9 @@
 #include "client/import/import.h"
 #include "tests/reference.h"
 #include "tests/render_here.h"
+#include "tests/scattering.h"
 #include "tests/scratch.h"
+#include "worker/render/medium/medium.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -595,6 +597,64 @@ static void integrators_agree(void **state)
     assert_int_equal(differing, 0);
 }
 
+/* ---- phase functions ----------------------------------------------------------------------------------- */
+
+/* All directions in rings about wo: what is scattered in sum, and the mean cosine between the ways before and
+ * after. */
+static void check_moments(const bsdf_t *bsdf, vec3_t wo, double g)
+{
+    enum { RINGS = 20000 };
+    double sum = 0, mean = 0, ring = 4 * M_PI / RINGS;
+    for (int i = 0; i < RINGS; i++) {
+        double z = 2 * (i + 0.5) / RINGS - 1;
+        float r = (float)sqrt(1 - z * z), phi = (float)i;
+        vec3_t across = v_add(v_scale(bsdf->s, r * cosf(phi)), v_scale(bsdf->t, r * sinf(phi)));
+        bsdf_value_t value;
+        assert_true(bsdf_eval(bsdf, wo, v_mad(across, (float)z, wo), TRANSPORT_RADIANCE, &value));
+        assert_true(value.f.y == value.pdf && value.pdf == value.pdf_rev);
+        assert_true(fabs((double)value.pdf - phase(g, -z)) < 1e-3 * phase(g, -z) + 1e-5);
+        sum += (double)value.pdf * ring;
+        mean -= (double)value.pdf * ring * z;
+    }
+    assert_true(fabs(sum - 1) < 1e-3);
+    assert_true(fabs(mean - g) < 1e-3);
+}
+
+/* Samples say what evaluation says of their directions, and lose nothing. */
+static void check_samples(const bsdf_t *bsdf, vec3_t wo)
+{
+    for (uint32_t i = 0; i < 1000; i++) {
+        sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 3, 0, i);
+        bsdf_sample_t sample;
+        bsdf_value_t value;
+        assert_true(bsdf_sample(bsdf, wo, sampler_2d(&sampler), 0.5f, TRANSPORT_IMPORTANCE, &sample));
+        assert_true(bsdf_eval(bsdf, wo, sample.wi, TRANSPORT_IMPORTANCE, &value));
+        assert_false(sample.specular);
+        assert_true(fabsf(v_length(sample.wi) - 1) < 1e-5f);
+        assert_true(fabsf(sample.pdf / value.pdf - 1) < 0.01f && sample.pdf == sample.pdf_rev);
+        assert_true(sample.weight.x == 1 && sample.weight.y == 1 && sample.weight.z == 1);
+    }
+}
+
+static void phases_are_densities(void **state)
+{
+    (void)state;
+    static const float gs[] = {-0.9f, -0.5f, -0.01f, 0, 0.0005f, 0.3f, 0.7f, 0.9f};
+    const vec3_t wo = v_normalize(vec3(0.3f, -0.5f, 0.6f));
+    for (size_t i = 0; i < ARRAY_LENGTH(gs); i++) {
+        blob_medium_t record = {.scattering = {1, 1, 1}, .g = gs[i]};
+        scene_blob_t blob = {.media = &record, .counts[BLOB_SECTION_MEDIA] = 1};
+        media_t *media = media_new(&blob, false);
+        bsdf_t bsdf;
+        media_bsdf(media, 1, wo, &bsdf);
+        check_moments(&bsdf, wo, (double)gs[i]);
+        check_samples(&bsdf, wo);
+        scattering_check_draws(&bsdf, wo);
+        media_destroy(&media);
+        assert_null(media);
+    }
+}
+
 static int begin(void **state)
 {
     (void)state;
@@ -618,6 +678,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(light_is_scattered_once),
         cmocka_unit_test(white_media_vanish),
         cmocka_unit_test(media_glow),
+        cmocka_unit_test(phases_are_densities),
         cmocka_unit_test(integrators_agree),
     };
     return cmocka_run_group_tests(tests, begin, end);
