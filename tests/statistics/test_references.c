@@ -49,8 +49,8 @@ typedef struct {
 } case_t;
 
 /* Sample counts at which the standard error of the image mean is below 0.3 %, the reference's included. A
- * path tracer meets the caustic too rarely for a test of seconds, and sees no light through glass but by
- * luck. */
+ * path tracer meets the caustic too rarely for a test of seconds, sees no light through glass but by luck,
+ * and in fog has specks where it comes close to the spot. */
 static const case_t cases[] = {
     {"seed-diffuse", "scene.pbrt", INTEGRATOR_BDPT, 128},
     {"seed-diffuse", "scene.pbrt", INTEGRATOR_PATH, 256},
@@ -85,6 +85,11 @@ static const case_t cases[] = {
     {"instances", "scene.pbrt", INTEGRATOR_PATH, 512},
     {"lens", "scene.pbrt", INTEGRATOR_BDPT, 256},
     {"lens", "scene.pbrt", INTEGRATOR_PATH, 512},
+    {"fog", "scene.pbrt", INTEGRATOR_BDPT, 64},
+    {"smoke", "scene.pbrt", INTEGRATOR_BDPT, 32},
+    {"smoke", "scene.pbrt", INTEGRATOR_PATH, 32},
+    {"milk", "scene.pbrt", INTEGRATOR_BDPT, 64},
+    {"fog-caustic", "scene.pbrt", INTEGRATOR_BDPT, 64},
 };
 
 /* Under a sanitizer, which is many times slower, a few samples must do, whose noise is known badly: what is
@@ -119,12 +124,14 @@ static bool check(const case_t *c)
     agreement_t agreement;
     agreement_limits_t limits = agreement_default_limits();
     agreement_measure(&image, &reference, &agreement);
-    double error = mean_error(&image, &reference);
+    double error = mean_error(&image, &reference), most_error = 0.003;
+    /* Of light that goes through glass into haze and back through glass, which makes bright dots. */
+    if (strcmp(c->scene, "fog-caustic") == 0) most_error = 0.015;
     /* To a path tracer caustics behind a mirror are specks, so few and so bright that two halves know the
      * noise of a block badly. */
     if (strcmp(c->scene, "seed-specular") == 0 && c->integrator == INTEGRATOR_PATH) limits.max_z = 10;
     if (SPARSER > 1) limits = (agreement_limits_t){.max_rms = 2, .max_z = 15, .max_mean_z = 6};
-    bool holds = agreement_holds(&agreement, &limits) && (error < 0.003 || SPARSER > 1);
+    bool holds = agreement_holds(&agreement, &limits) && (error < most_error || SPARSER > 1);
     print_message(
         "%s %s: relMSE %.6f, mean ratio %.4f %.4f %.4f, z rms %.3f max %.2f, error of the mean %.2f %%%s\n",
         path, integrator_name(c->integrator), agreement.relmse, agreement.mean_ratio[0],

@@ -57,8 +57,9 @@ static rgb_t seen_light(sample_t *sample)
     walk_arrive(&walk, sample, &z);
     for (uint32_t k = 0; k < vertex_light_count(&z, setup->lights); k++)
         if (vertex_light_hit(&z, setup->lights, k, walk.point, &hit)) {
-            sum = v_add(sum, hit.radiance);
-            sample_lit(sample, hit.light, hit.radiance);
+            rgb_t arrives = v_mul(z.throughput, hit.radiance);
+            sum = v_add(sum, arrives);
+            sample_lit(sample, hit.light, arrives);
         }
     sum = v_add(sum, walk.glow);
     if (z.kind == VERTEX_SKY) return sum;
