@@ -12,7 +12,7 @@ Q       := $(if $(V),,@)
 BASELINE := -march=x86-64-v3 -mtune=skylake -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
 PACKAGES := expat libmicrohttpd libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg libwebp draco OpenEXR jansson sqlite3 libcurl libmurmurhash
-ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos census check check-fast demo asan tsan fuzz chaos hostile valgrind container-check sim bench bench-plot bench-mesh bench-error bench-environment bench-cycles bench-long bench-merge bench-farm bench-watch bench-link bench-large bench-textures bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
+ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos census check check-fast demo asan tsan fuzz chaos hostile valgrind container-check sim bench bench-plot bench-mesh bench-error references bench-environment bench-cycles bench-long bench-merge bench-farm bench-watch bench-link bench-large bench-textures bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 ifneq ($(.SHELLSTATUS),0)
 $(error $(strip $(foreach package,$(PACKAGES),$(if $(shell pkg-config --exists $(package) && echo yes),,$(package)))) is missing: run make deps)
@@ -300,6 +300,11 @@ bench-cycles: deps-test
 	$(SUBMAKE) $(JOBS) all
 	/usr/bin/python3 tests/bench/cycles/compare.py --build $(BUILD) $(CYCLES)
 
+# Every integrator against all references that it can see: ten minutes on two cores.
+references: deps-test
+	$(SUBMAKE) $(JOBS) $(BUILD)/tests/statistics/test_references
+	$(BUILD)/tests/statistics/test_references all
+
 # What learning brings to long jobs: three quarters of an hour on two cores; SECONDS=600 SHORT=20 SEEDS=6 BUILDS="build /other/build"
 # SCENES="ajar pool" FOLDER=/tmp/long (keeps the images).
 bench-long: deps-test
@@ -424,6 +429,7 @@ help:
 	@echo "make container-check  build the images of docker/Dockerfile, render a job through them (root)"
 	@echo "make bench      error and CPU time of the renderer against pbrt-v3's: REFERENCES, SEEDS, SPP, INTEGRATORS, SCENES"
 	@echo "make bench-plot   error against CPU time for four scenes: docs/performance.svg"
+	@echo "make references  every integrator against all reference images: ten minutes"
 	@echo "make bench-mesh   time and memory for a mesh of a million triangles"
 	@echo "make bench-error  jobs that end by --error: is it the error? SEEDS, ERROR, SIZE, ADAPTIVE"
 	@echo "make bench-long   what learning brings to long jobs: 45 minutes; SECONDS, SHORT, SEEDS, BUILDS, SCENES, FOLDER"
@@ -444,5 +450,5 @@ help:
 	@echo "make compdb     compile_commands.json for editors"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all census check check-fast bench bench-plot bench-mesh bench-error bench-environment bench-cycles bench-long bench-codec tests fast-tests run-tests asan tsan fuzz demo pictures deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm bench-watch bench-link bench-large bench-textures chaos chaos-programs hostile valgrind deps-test
+.PHONY: all census check check-fast references bench bench-plot bench-mesh bench-error bench-environment bench-cycles bench-long bench-codec tests fast-tests run-tests asan tsan fuzz demo pictures deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm bench-watch bench-link bench-large bench-textures chaos chaos-programs hostile valgrind deps-test
 .SECONDARY:
