@@ -26,10 +26,11 @@ worker/render/texture       : worker/render/sampling common/scene
 worker/render/scene         : worker/render/texture
 worker/render/bsdf          : worker/render/sampling common/scene
 worker/render/tabulated     : worker/render/bsdf
+worker/render/medium        : worker/render/bsdf
 worker/render/material      : worker/render/tabulated worker/render/scene
 worker/render/camera        : worker/render/scene
 worker/render/light         : worker/render/scene
-worker/render/integrator    : worker/render/material worker/render/camera worker/render/light common/film
+worker/render/integrator    : worker/render/material worker/render/medium worker/render/camera worker/render/light common/film
 worker/render/plan          : worker/render/integrator
 worker/render               : worker/render/plan
 worker                      : worker/render proto/uplink

@@ -198,7 +198,8 @@ static const char *const material_kinds[] = {[MATERIAL_DIFFUSE] = "diffuse",
                                              [MATERIAL_WARD] = "ward",
                                              [MATERIAL_WARD_DUER] = "ward-duer",
                                              [MATERIAL_WARD_BALANCED] = "balanced ward",
-                                             [MATERIAL_INTERFACE] = "interface"};
+                                             [MATERIAL_INTERFACE] = "interface",
+                                             [MATERIAL_HAIR] = "hair"};
 
 static const char *const texture_kinds[] = {[TEXTURE_IMAGE] = "image",
                                             [TEXTURE_SCALE] = "scale",
@@ -281,6 +282,10 @@ static const struct {
     [VALUE_DISPERSION] = {"dispersion", true},
     [VALUE_ANISOTROPY_DIRECTION] = {"anisotropy direction", false},
     [VALUE_ANISOTROPY_TURN] = {"turned by", false},
+    [VALUE_EXPONENT] = {"exponent", true},
+    [VALUE_EUMELANIN] = {"eumelanin", true},
+    [VALUE_PHEOMELANIN] = {"pheomelanin", true},
+    [VALUE_TILT] = {"tilt", true},
 };
 
 static void print_rgb(const char *name, rgb_t value)

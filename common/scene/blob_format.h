@@ -172,9 +172,13 @@ typedef struct {
     float x, y, z, radius;
 } blob_curve_point_t;
 
-typedef enum { CURVES_ROUND = 1, CURVES_RIBBON = 2 } curves_kind_t;
+typedef enum {
+    CURVES_ROUND = 1,
+    CURVES_RIBBON = 2,
+    CURVES_FIBRE = 3 /* hair: a band that faces each ray; its material is MATERIAL_HAIR */
+} curves_kind_t;
 
-/* Cubic Bezier segments, four points each; v runs from 0 to 1 along all of them, u across. */
+/* Cubic Bezier segments, four points each; u runs from 0 to 1 along all of them, v across. */
 typedef struct {
     uint32_t kind;                       /* curves_kind_t */
     uint32_t first_point, segment_count; /* > 0 segments of 4 points each */
@@ -366,6 +370,9 @@ typedef enum {
     VALUE_ANISOTROPY_DIRECTION,  /* glTF's: (x + 1) / 2 and (y + 1) / 2 of it, along the tangents ... */
     VALUE_ANISOTROPY_TURN,       /* ... and cosine and sine of the angle by which it is turned */
     VALUE_EXPONENT,              /* Phong's */
+    VALUE_EUMELANIN,             /* concentrations of what makes hair brown ... */
+    VALUE_PHEOMELANIN,           /* ... and red */
+    VALUE_TILT,                  /* degrees by which the scales of hair stand off */
     MATERIAL_VALUES
 } material_value_t;
 
@@ -403,6 +410,9 @@ typedef enum {
     MATERIAL_WARD_BALANCED,        /* ... and that of 2010 */
     MATERIAL_INTERFACE,            /* []: nothing but the border of media; light goes straight through. Its
                                       shapes are SHAPE_INTERFACE, do not emit, and are no curves */
+    MATERIAL_HAIR, /* pbrt's [ATTENUATION, EUMELANIN, PHEOMELANIN, ETA, TILT, ROUGHNESS_U along
+                      the hair, ROUGHNESS_V about it]: what absorbs adds up, per radius of the
+                      hair. DYED: [REFLECTANCE] says how much instead */
     MATERIAL_KIND_END
 } material_kind_t;
 
@@ -414,6 +424,7 @@ enum {
     MATERIAL_UNIT = 32,        /* pbrt-v4's: REFLECTANCE, TRANSMITTANCE, ALBEDO and AMOUNT are at most 1 */
     MATERIAL_COAT_NORMAL = 64, /* the coat has a normal of its own: that of the surface, turned by the
                                   coat_normal_map where there is one */
+    MATERIAL_DYED = 256,       /* hair absorbs so that many of them together have the colour REFLECTANCE */
     MATERIAL_TINTED = 128,     /* SPECULAR is a factor on what the coat of a coated material reflects */
     MATERIAL_ALPHA_V3 = 16 /* alphas as pbrt-v3 bounds them: smooth is only a dielectric whose roughness is 0
                               in both axes; else they are at least 1e-3. REMAP_V3 implies it */

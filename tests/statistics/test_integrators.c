@@ -285,6 +285,18 @@ static const case_t cases[] = {
      "AttributeBegin\nTranslate 0 0.3 0\nScale 0.8 0.9 -1.2\nObjectInstance "
      "\"thing\"\nAttributeEnd\n" LAMP("12 11 9") END3,
      ALL},
+    {"hair", /* as fibres, on which light subpaths end, and on surfaces */
+     HEAD3 PLACE3
+     "Material \"hair\" \"float eumelanin\" [0.3] \"float beta_m\" [0.4]\n"
+     "Shape \"curve\" \"string type\" [\"cylinder\"] \"point P\" [-1.5 0 -0.5 -1 2 -0.5 -0.5 2 0 0.2 0.2 "
+     "-0.6] \"float width0\" [0.06] \"float width1\" [0.03]\n"
+     "Shape \"curve\" \"point P\" [-1.2 0.2 -0.8 -0.3 1.2 -0.9 0.5 1.3 -0.7 1.3 0.7 -0.8] "
+     "\"float width\" [0.04]\n"
+     "Material \"hair\" \"rgb color\" [0.8 0.6 0.3] \"float beta_m\" [0.5] \"float beta_n\" [0.5]\n"
+     "Shape \"curve\" \"string type\" [\"ribbon\"] \"point P\" [-0.5 0.3 -0.8 0 2 -0.5 0.5 2 0 1.2 1.2 -0.6] "
+     "\"normal N\" [0 0.3 -1 0.5 0.5 -1] \"float width\" [0.3]\n"
+     "Translate -0.9 0.4 -0.9\nShape \"sphere\" \"float radius\" [0.3]\n" LAMP("12 11 9") END3,
+     BDPT | PATH},
     {"quadrics",
      HEAD3 STAGE("matte", "Kd") "Material \"plastic\" \"rgb Kd\" [0.3 0.4 0.2] \"float roughness\" [0.3]\n"
                                 "AttributeBegin\nTranslate -0.9 0.5 0\nRotate -60 1 0 0\nShape \"cylinder\" "

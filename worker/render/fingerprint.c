@@ -94,9 +94,9 @@ static void add_measured(blob_builder_t *b)
     blob_builder_add(b, BLOB_SECTION_MEASUREMENTS, &table, 1);
 }
 
-/* Materials 0 to 8 are those of the spheres; 9 is the walls', 10 the panel's, 11 the hair's, 12 the floor's,
- * 13 the ceiling's. */
-enum { SPHERES = 9, WALLS = 9, PANEL = 10, HAIR = 11, FLOOR = 12, CEILING = 13, MATERIALS = 14 };
+/* Materials 0 to 8 are those of the spheres; 9 is the walls', 10 the panel's, 11 the wire's, 12 the floor's,
+ * 13 the ceiling's, 14 the hair's. */
+enum { SPHERES = 9, WALLS = 9, PANEL = 10, WIRE = 11, FLOOR = 12, CEILING = 13, HAIR = 14, MATERIALS = 15 };
 
 static void add_materials(blob_builder_t *b)
 {
@@ -113,7 +113,8 @@ static void add_materials(blob_builder_t *b)
                                     {.kind = MATERIAL_GLTF, .flags = MATERIAL_REMAP_SQUARE},
                                     {.kind = MATERIAL_FOURIER},
                                     {.kind = MATERIAL_MEASURED},
-                                    {.kind = MATERIAL_WARD_BALANCED}};
+                                    {.kind = MATERIAL_WARD_BALANCED},
+                                    {.kind = MATERIAL_HAIR}};
     for (uint32_t i = 0; i < MATERIALS; i++) {
         m[i].values[VALUE_REFLECTANCE] = (blob_value_t){{0.8f, 0.7f, 0.6f}, i % 2 == 0 ? 3 : 1};
         m[i].values[VALUE_TRANSMITTANCE] = blob_constant(0.9f);
@@ -140,6 +141,8 @@ static void add_materials(blob_builder_t *b)
     m[PANEL].values[VALUE_SHEEN_ROUGHNESS] = m[PANEL].values[VALUE_ANISOTROPIC] = blob_constant(0.5f);
     m[PANEL].values[VALUE_ANISOTROPY_TURN] = blob_colour_value(vec3(0.8f, 0.6f, 0));
     m[PANEL].values[VALUE_DISPERSION] = blob_constant(1);
+    m[HAIR].values[VALUE_PHEOMELANIN] = blob_constant(0.5f);
+    m[HAIR].values[VALUE_TILT] = blob_constant(2);
     m[7].values[VALUE_ROUGHNESS_U] = m[7].values[VALUE_ROUGHNESS_V] = blob_constant(0);
     blob_builder_add(b, BLOB_SECTION_MATERIALS, m, MATERIALS);
 }
@@ -184,14 +187,18 @@ static uint32_t add_sphere(blob_builder_t *b, float x, float y, float z, float r
     return blob_builder_add(b, BLOB_SECTION_QUADRICS, &sphere, 1);
 }
 
-/* The world: a lamp, a wall, floor and ceiling, nine spheres and a hair; and a moving instance of a small
- * panel. */
+/* The world: a lamp, a wall, floor and ceiling, nine spheres, a wire and a hair; and a moving instance of a
+ * small panel. */
 static void add_shapes(blob_builder_t *b)
 {
-    static const blob_curve_point_t points[4] = {
-        {-2, 1.2f, -1, 0.1f}, {-1, -0.6f, -1.5f, 0.05f}, {1, 1.6f, -1.5f, 0.05f}, {2, -1, -1, 0.02f}};
-    const blob_curves_t curve = {.kind = CURVES_ROUND, .segment_count = 1, .first_normal = BLOB_NONE};
-    blob_builder_add(b, BLOB_SECTION_CURVE_POINTS, points, 4);
+    static const blob_curve_point_t points[8] = {
+        {-2, 1.2f, -1, 0.1f}, {-1, -0.6f, -1.5f, 0.05f}, {1, 1.6f, -1.5f, 0.05f}, {2, -1, -1, 0.02f},
+        {2, 1.2f, -1, 0.05f}, {1, -0.6f, -1.5f, 0.05f},  {-1, 1, -1.5f, 0.04f},   {-2, -1, -1, 0.03f}};
+    const blob_curves_t curves[] = {
+        {.kind = CURVES_ROUND, .segment_count = 1, .first_normal = BLOB_NONE},
+        {.kind = CURVES_FIBRE, .segment_count = 1, .first_point = 4, .first_normal = BLOB_NONE}};
+    blob_builder_add(b, BLOB_SECTION_CURVE_POINTS, points, 8);
+    blob_builder_add(b, BLOB_SECTION_CURVES, curves, 2);
     add_shape(b, SHAPE_MESH, add_rectangle(b, vec3(-1, 2.9f, -2), vec3(2, 0, 0), vec3(0, 0, 2)), WALLS, 0);
     add_shape(b, SHAPE_MESH, add_rectangle(b, vec3(-4, -3, 2), vec3(8, 0, 0), vec3(0, 6, 0)), WALLS,
               BLOB_NONE);
@@ -203,7 +210,8 @@ static void add_shapes(blob_builder_t *b)
         add_shape(b, SHAPE_QUADRIC,
                   add_sphere(b, 1.6f * ((float)(i % 3) - 1), 1.6f * ((float)(i / 3) - 1), 0, 0.7f), i,
                   BLOB_NONE);
-    add_shape(b, SHAPE_CURVES, blob_builder_add(b, BLOB_SECTION_CURVES, &curve, 1), HAIR, BLOB_NONE);
+    add_shape(b, SHAPE_CURVES, 0, WIRE, BLOB_NONE);
+    add_shape(b, SHAPE_CURVES, 1, HAIR, BLOB_NONE);
     uint32_t world = blob_builder_count(b, BLOB_SECTION_SHAPES);
     add_shape(b, SHAPE_MESH,
               add_rectangle(b, vec3(-0.3f, -0.3f, 0), vec3(0.6f, 0, 0.1f), vec3(0, 0.6f, 0.1f)), PANEL,

@@ -54,7 +54,7 @@ static void add_curves(blob_builder_t *builder)
     const vec3_t normals[4] = {{0, 0, 1}, {0, 0, 1}, {0, 0, 1}, {0, 0, 1}};
     uint32_t normal = blob_builder_add(builder, BLOB_SECTION_NORMALS, normals, 4);
     uint32_t first = blob_builder_add(builder, BLOB_SECTION_CURVE_POINTS, points, 8);
-    const blob_curves_t curves[2] = {{CURVES_ROUND, first, 1, BLOB_NONE},
+    const blob_curves_t curves[2] = {{CURVES_FIBRE, first, 1, BLOB_NONE},
                                      {CURVES_RIBBON, first + 4, 1, normal}};
     blob_builder_add(builder, BLOB_SECTION_CURVES, curves, 2);
 }
@@ -559,6 +559,9 @@ static void bad_indices_are_errors(void **state)
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 0, light), 1, "shape 0: light 1 does not belong"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, light), 0, "shape 1: light 0 does not belong"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 0, light), BLOB_NONE, "light 0 does not belong"},
+        {BLOB_SECTION_CURVES, FIELD(blob_curves_t, 1, kind), CURVES_FIBRE, "curves 1: its normals"},
+        {BLOB_SECTION_CURVES, FIELD(blob_curves_t, 0, kind), CURVES_FIBRE + 1, "curves 0: unknown kind 4"},
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 2, geometry), 0, "shape 2: is of fibres, and its material"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 0, kind), SHAPE_CURVES, "curves cannot emit"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, flags), SHAPE_BUMPS_V3, "shape 1: is no mesh"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, name), 1000, "its name"},
@@ -929,7 +932,7 @@ static void bad_headers_are_errors(void **state)
         uint64_t value;
         const char *expected;
     } cases[] = {{0, 0, "magic"},
-                 {8, BLOB_VERSION + 1 + ((uint64_t)BLOB_SECTION_COUNT << 32), "version 6"},
+                 {8, BLOB_VERSION + 1 + ((uint64_t)BLOB_SECTION_COUNT << 32), "version 7"},
                  {8, BLOB_VERSION + ((uint64_t)(BLOB_SECTION_COUNT + 1) << 32), "sections"},
                  {16, UINT64_MAX, "says it has"}};
     for (size_t i = 0; i < ARRAY_LENGTH(cases); i++) {

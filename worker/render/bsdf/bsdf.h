@@ -123,6 +123,18 @@ typedef struct {
     float g; /* mean cosine between the way of the light before and after */
 } lobe_phase_t;
 
+/* A hair, at the place where a ray meets it. */
+typedef struct {
+    float h, gamma; /* how far from the middle, -1 to 1, and the arc sine of that */
+    float ior;
+    rgb_t absorption; /* per radius */
+    rgb_t factor;
+    float narrowness, gap; /* of the mode TRT along the hair: 1 / variance v, and exp(-2 / v) */
+    float inv_scale, norm; /* about the hair: 1 / s of the logistic distribution, and the factor that trimming
+                              it to (-pi, pi) takes */
+    float sine[3], cosine[3]; /* of what scales turn R, TT and TRT by */
+} lobe_hair_t;
+
 /* A table of Fourier series; `series` are the table's own. */
 typedef struct {
     const blob_fourier_t *table;
@@ -183,6 +195,7 @@ typedef struct {
         lobe_phong_t phong;
         lobe_ward_t ward;
         lobe_phase_t phase;
+        lobe_hair_t hair;
         lobe_fourier_t fourier;
         lobe_measured_t measured;
     };
@@ -273,8 +286,8 @@ static inline rgb_t bsdf_attenuation(const bsdf_t *bsdf, vec3_t w)
     return bsdf->absorbs && v_dot(w, bsdf->ng) < 0 ? bsdf->attenuation : vec3(0, 0, 0);
 }
 
-/* The lobes; each file says what it does. lobe_fourier and lobe_measured are in tabulated/, lobe_phase in
- * medium/. */
+/* The lobes; each file says what it does. lobe_fourier and lobe_measured are in tabulated/, lobe_hair is in
+ * material/, and lobe_phase in medium/. */
 extern const lobe_kind_t lobe_lambert, lobe_lambert_transmission, lobe_oren_nayar, lobe_mirror,
     lobe_smooth_dielectric, lobe_smooth_conductor, lobe_pane, lobe_straight, lobe_rough_conductor,
     lobe_rough_dielectric, lobe_rough_reflection, lobe_rough_transmission, lobe_fresnel_blend,
@@ -282,6 +295,6 @@ extern const lobe_kind_t lobe_lambert, lobe_lambert_transmission, lobe_oren_naya
     lobe_coated_lambert, lobe_smooth_coat, lobe_rough_coat, lobe_smooth_layers, lobe_schlick_reflection,
     lobe_schlick_mirror, lobe_schlick_diffuse, lobe_schlick_through, lobe_schlick_straight, lobe_schlick_coat,
     lobe_schlick_coat_mirror, lobe_schlick_diffuse_through, lobe_sheen, lobe_smooth_dispersion,
-    lobe_rough_dispersion, lobe_phase, lobe_phong, lobe_ward, lobe_fourier, lobe_measured;
+    lobe_rough_dispersion, lobe_phase, lobe_phong, lobe_ward, lobe_hair, lobe_fourier, lobe_measured;
 
 #endif

@@ -35,6 +35,9 @@ float lobe_cover_passes(const lobe_cover_t *cover, vec3_t wo, vec3_t wi);
 /* About the mean of that. */
 float lobe_cover_mean(const lobe_cover_t *cover);
 
+/* The sum of what goes by all modes of a hair, seen straight on at its offset h. */
+rgb_t lobe_hair_albedo(const lobe_hair_t *hair);
+
 /* Evaluate and sample a lobe that is the same from both sides and in both modes, by its eval_above and
  * draw_above. */
 bool lobe_eval_mirrored(const lobe_t *lobe, vec3_t wo, vec3_t wi, bool reflect, transport_t mode,

@@ -415,7 +415,7 @@ static void trace_light_subpath(half_t *b, walk_t *walk, bool splats)
         vertex_t y;
         walk_arrive(walk, b->sample, &y);
         if (i == 1) begin_path(b, walk);
-        if (y.kind == VERTEX_SKY || !walk_weigh(walk, &y)) return;
+        if (y.kind == VERTEX_SKY || vertex_is_for_eyes(&y) || !walk_weigh(walk, &y)) return;
         vertex_shade(&y, b->setup, walk->scattered);
         if (b->eta > 0) walk_weigh_merging(walk, &y, b->eta);
         if (vertex_is_joinable(&y)) {

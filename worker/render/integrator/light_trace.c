@@ -39,7 +39,7 @@ static void trace_light_path(sample_t *sample)
     for (int i = 1; i < setup_max_segments(setup); i++) {
         vertex_t y;
         walk_arrive(&walk, sample, &y);
-        if (y.kind == VERTEX_SKY) return;
+        if (y.kind == VERTEX_SKY || vertex_is_for_eyes(&y)) return;
         vertex_shade(&y, setup, walk.scattered);
         if (vertex_is_joinable(&y)) splat_vertex(sample, &y, &walk, &ray);
         if (!walk_scatter(&walk, sample, &y)) return;

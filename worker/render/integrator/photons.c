@@ -172,7 +172,7 @@ static void trace_subpath(const setup_t *setup, const photon_set_t *set, uint32_
     for (int i = 1; i < setup_max_segments(setup); i++) {
         vertex_t y;
         walk_arrive(&walk, &sample, &y);
-        if (y.kind == VERTEX_SKY || !walk_weigh(&walk, &y)) return;
+        if (y.kind == VERTEX_SKY || vertex_is_for_eyes(&y) || !walk_weigh(&walk, &y)) return;
         vertex_shade(&y, setup, walk.scattered);
         walk_weigh_merging(&walk, &y, set->eta);
         if (y.merging > 0 && v_is_finite(y.throughput)) chunk_add(chunk, &y, &walk);

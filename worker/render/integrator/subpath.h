@@ -41,6 +41,9 @@
  * vertex is joined to one, so what an eye subpath sees of it has weight 1. All other segments lie beyond a
  * vertex that scatters, as seen from the camera, whichever strategy makes them: all let them through alike.
  *
+ * No light subpath makes a vertex on a fibre (vertex_is_for_eyes): r_i is 0 there, which cuts the chain of an
+ * eye subpath.
+ *
  * The weight of a connected path is 1 / (1 + share of the light side + share of the eye side). A Dirac lobe
  * has the same probability both ways, so its density cancels in r / p: discrete probabilities stand in for
  * densities.
@@ -199,6 +202,7 @@ static inline bool walk_weigh(walk_t *walk, vertex_t *vertex)
     vertex->direct = walk->joinable ? vertex->inv_p2 : 0;
     vertex->merging = 0;
     vertex->inner = square(walk->fade_back * walk->cosine / distance2) * vertex->inv_p2 * chain;
+    if (vertex_is_for_eyes(vertex)) vertex->direct = vertex->inner = 0;
     walk->direct = square(strategy_count(vertex, walk->last)) * vertex->direct;
     walk->inner = vertex->inner;
     return vertex->kind == VERTEX_SKY || (p > 0x1p-60f && p < 0x1p60f);

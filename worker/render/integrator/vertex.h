@@ -59,10 +59,17 @@ static inline bool vertex_is_joinable(const vertex_t *vertex)
     return !vertex->bsdf.specular;
 }
 
+/* True where only eye subpaths come, and light subpaths end: on the hair of a fibre. Its band faces the ray
+ * that meets it, and its BSDF knows at which offset from the middle the eye's ray does. */
+static inline bool vertex_is_for_eyes(const vertex_t *vertex)
+{
+    return vertex->kind == VERTEX_SURFACE && vertex->surface.fibre;
+}
+
 /* False when light that arrives nearby says nothing about it. */
 static inline bool vertex_is_mergeable(const vertex_t *vertex)
 {
-    return vertex->kind == VERTEX_SURFACE && bsdf_is_broad(&vertex->bsdf);
+    return vertex->kind == VERTEX_SURFACE && !vertex_is_for_eyes(vertex) && bsdf_is_broad(&vertex->bsdf);
 }
 
 /* Light that is scattered between wo and w: as bsdf_eval. */

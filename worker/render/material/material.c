@@ -23,7 +23,17 @@ void material_bsdf(const scene_t *scene, const surface_t *surface, bsdf_t *bsdf)
     bsdf->absorbs = false;
     bsdf->count = 0;
     vec3_t coat_normal = {0, 0, 1};
-    if (scene_material_varies(scene, surface->material)) {
+    if (surface->fibre) {
+        bsdf->s = surface->along;
+        bsdf->t = v_cross(bsdf->ns, bsdf->s);
+        at.uv = at.uv2 = (vec2_t){0, 0.5f + 0.5f * surface->place.y};
+        if (scene_material_varies(scene, surface->material)) {
+            surface_details_t details;
+            scene_details(scene, surface, &details);
+            at.uv = details.uv;
+            at.uv2 = details.uv2;
+        }
+    } else if (scene_material_varies(scene, surface->material)) {
         surface_details_t details;
         scene_details(scene, surface, &details);
         at.uv = details.uv;

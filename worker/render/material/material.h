@@ -32,7 +32,8 @@ void material_bsdf(const scene_t *scene, const surface_t *surface, bsdf_t *bsdf)
     ENTRY(MATERIAL_PHONG, material_phong)                                                                    \
     ENTRY(MATERIAL_WARD, material_ward)                                                                      \
     ENTRY(MATERIAL_WARD_DUER, material_ward)                                                                 \
-    ENTRY(MATERIAL_WARD_BALANCED, material_ward)
+    ENTRY(MATERIAL_WARD_BALANCED, material_ward)                                                             \
+    ENTRY(MATERIAL_HAIR, material_hair)
 #define MATERIAL_DECLARE(kind, shade) extern material_shade_t shade;
 MATERIALS(MATERIAL_DECLARE)
 #undef MATERIAL_DECLARE

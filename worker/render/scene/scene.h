@@ -22,6 +22,9 @@ typedef struct {
     uint32_t primitive;
     vec2_t place; /* Embree's u and v */
     float time;   /* 0 to 1 */
+    bool fibre;   /* a hair, on the band that it shows to the ray (CURVES_FIBRE) ... */
+    vec3_t along; /* ... with this direction, of unit length, ... */
+    float radius; /* ... and as thick, in world space */
 } surface_t;
 
 /* What only textures and turned frames ask for. Derivatives are in world space. */
@@ -107,11 +110,13 @@ static inline bool surface_is_interface(const surface_t *surface)
     return surface->material->kind == MATERIAL_INTERFACE;
 }
 
-/* The surface's point moved off the surface, to the side to which `direction` points. */
+/* The surface's point moved off the surface, to the side to which `direction`, of unit length, points. */
 static inline vec3_t scene_offset(const surface_t *surface, vec3_t direction)
 {
     float side = v_dot(surface->ng, direction) < 0 ? -surface->offset : surface->offset;
-    return v_mad(surface->p, side, surface->ng);
+    vec3_t p = v_mad(surface->p, side, surface->ng);
+    /* Embree leaves out bands that are nearer to the start of a ray than 2 of their radii. */
+    return surface->fibre ? v_mad(p, -2 * surface->radius, direction) : p;
 }
 
 /* How far off a surface rays must start at p (a few hundred units in the last place of its largest

@@ -103,10 +103,10 @@ static void curve_details(const scene_blob_t *blob, const surface_t *surface, ve
     const float weights[4] = {-s * s, s * s - 2 * s * t, 2 * s * t - t * t, t * t};
     vec3_t along = vec3(0, 0, 0);
     for (int i = 0; i < 4; i++) along = v_mad(along, 3 * weights[i], vec3(c[i].x, c[i].y, c[i].z));
-    details->uv = details->uv2 = (vec2_t){0.5f + 0.5f * surface->place.y,
-                                          ((float)surface->primitive + t) / (float)curves->segment_count};
-    details->dpdv = v_scale(along, (float)curves->segment_count);
-    details->dpdu = v_cross(details->dpdv, ng);
+    details->uv = details->uv2 = (vec2_t){((float)surface->primitive + t) / (float)curves->segment_count,
+                                          0.5f + 0.5f * surface->place.y};
+    details->dpdu = v_scale(along, (float)curves->segment_count);
+    details->dpdv = v_cross(ng, details->dpdu);
 }
 
 void scene_details(const scene_t *scene, const surface_t *surface, surface_details_t *details)

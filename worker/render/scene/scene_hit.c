@@ -38,6 +38,63 @@ static inline place_t quadric_place(const scene_t *scene, const blob_shape_t *sh
     return (place_t){point.p, n, n};
 }
 
+/* ---- fibres -------------------------------------------------------------------------------------------- */
+
+/* A point of a cubic Bezier segment, in the object's space. */
+typedef struct {
+    vec3_t along; /* tangent, of any length */
+    float radius;
+} strand_t;
+
+static strand_t strand_at(const blob_curve_point_t c[4], float t)
+{
+    float s = 1 - t;
+    const float slopes[4] = {-s * s, s * s - 2 * s * t, 2 * s * t - t * t, t * t},
+                shares[4] = {s * s * s, 3 * s * s * t, 3 * s * t * t, t * t * t};
+    strand_t at = {{0, 0, 0}, 0};
+    for (int i = 0; i < 4; i++) {
+        at.along = v_mad(at.along, slopes[i], vec3(c[i].x, c[i].y, c[i].z));
+        at.radius += shares[i] * c[i].radius;
+    }
+    if (!(v_length2(at.along) > 0))
+        at.along = v_sub(vec3(c[3].x, c[3].y, c[3].z), vec3(c[0].x, c[0].y, c[0].z));
+    return at;
+}
+
+/* Sets the surface on the band that a hair shows to the ray. All of it is as in pbrt-v3: the normal turns
+ * evenly from edge to edge, the other way than a tube's; the offset at which the lobe takes the hair to be
+ * seen fits that. What goes on from there starts beyond the hair, since its bands face each ray anew: 2
+ * widths off for each component of the normal. So hairs that are closer do not shade each other. */
+static bool fill_fibre(const scene_t *scene, const hit_t *hit, const placement_t *placement,
+                       surface_t *surface)
+{
+    const blob_curves_t *curves = &scene->blob->curves[surface->shape->geometry];
+    const blob_curve_point_t *points = scene->blob->curve_points + curves->first_point;
+    strand_t strand = strand_at(points + 4 * (size_t)hit->primitive, hit->place.x);
+    vec3_t along = strand.along, s, t;
+    if (placement != NULL) along = xform_vector(&placement->world_from_object, along);
+    along = v_normalize(along);
+    vec3_t facing = v_normalize(v_mad(hit->direction, -v_dot(hit->direction, along), along));
+    if (!v_is_finite(facing)) { /* the ray runs along the hair */
+        v_frame(along, &s, &t);
+        facing = s;
+    }
+    float turn = 0.5f * PI_F * float_clamp(hit->place.y, -1, 1);
+    vec3_t across = v_cross(along, facing); /* to where Embree's v falls */
+    surface->p = v_mad(hit->origin, hit->distance, hit->direction);
+    surface->ng = surface->ns = v_sub(v_scale(across, sinf(turn)), v_scale(facing, cosf(turn)));
+    surface->fibre = true;
+    surface->along = along;
+    surface->radius = strand.radius;
+    if (placement != NULL) surface->radius /= v_length(xform_vector(&placement->object_from_world, across));
+    vec3_t n = surface->ng;
+    surface->offset =
+        4 * surface->radius * (fabsf(n.x) + fabsf(n.y) + fabsf(n.z)) + scene_offset_at(surface->p);
+    return v_is_finite(along) && v_is_finite(surface->ng) && isfinite(surface->offset);
+}
+
+/* ---- all ----------------------------------------------------------------------------------------------- */
+
 bool scene_fill_surface(const scene_t *scene, const blob_shape_t *shape, const hit_t *hit, bool local,
                         vec3_t ng, surface_t *surface)
 {
@@ -50,9 +107,12 @@ bool scene_fill_surface(const scene_t *scene, const blob_shape_t *shape, const h
     surface->primitive = hit->primitive;
     surface->place = hit->place;
     surface->time = hit->time;
+    surface->fibre = false;
     placement_t moved;
     const placement_t *placement =
         instanced ? instance_at(&scene->instances[surface->instance], hit->time, &moved) : NULL;
+    if (shape->kind == SHAPE_CURVES && blob->curves[shape->geometry].kind == CURVES_FIBRE)
+        return fill_fibre(scene, hit, placement, surface);
     place_t at;
     if (shape->kind == SHAPE_MESH) {
         at = mesh_place(blob, shape, hit);

@@ -95,17 +95,83 @@ static result_t read_scale(pbrt_t *p, params_t *params, position_t at, blob_mate
     return result_ok();
 }
 
+/* ---- hair --------------------------------------------------------------------------------------------- */
+
+/* What may say how much light hair absorbs, in pbrt's order: each goes before those behind it. */
+typedef struct {
+    const char *name;
+    material_value_t slot;
+    bool given;
+} pigment_t;
+enum { PIGMENTS = 4 };
+
+static result_t read_pigment(pbrt_t *p, params_t *params, pigment_t *pigment, blob_material_t *record)
+{
+    const params_t *owner;
+    blob_value_t *value = &record->values[pigment->slot];
+    bool number = pigment->slot == VALUE_EUMELANIN || pigment->slot == VALUE_PHEOMELANIN;
+    unsigned types = (number ? PARAM_BIT(PARAM_FLOAT) : PARAM_COLOURS) | PARAM_BIT(PARAM_TEXTURE);
+    pigment->given = params_find(params, pigment->name, types, &owner) != NULL;
+    if (number) return pbrt_float_value(p, params, pigment->name, value);
+    colour_use_t use = pigment->slot == VALUE_REFLECTANCE ? COLOUR_REFLECTANCE : COLOUR_UNBOUNDED;
+    return pbrt_colour_value(p, params, pigment->name, use, value);
+}
+
+/* A pigment is left out where one of those before it is there. Both melanins go together. */
+static void drop_pigments(pbrt_t *p, params_t *params, position_t at, pigment_t pigments[PIGMENTS],
+                          blob_material_t *record)
+{
+    const pigment_t *counts = NULL;
+    for (int i = 0; i < PIGMENTS; ++i) {
+        if (!pigments[i].given) continue;
+        if (!counts) counts = &pigments[i];
+        if (&pigments[i] == counts || counts->slot == VALUE_EUMELANIN) continue;
+        report_warning(p->report, params_where(params, pigments[i].name, at),
+                       "\"%s\" is ignored, since there is \"%s\"", pigments[i].name, counts->name);
+        record->values[pigments[i].slot] = blob_constant(0);
+    }
+    if (!counts) record->values[VALUE_EUMELANIN] = blob_constant(1.3f);
+    if (counts && counts->slot == VALUE_REFLECTANCE) record->flags |= MATERIAL_DYED;
+}
+
+static result_t check_roughness_of_hair(pbrt_t *p, params_t *params, const char *name, position_t at,
+                                        const blob_value_t *beta)
+{
+    position_t where = params_where(params, name, at);
+    if (beta->texture != 0 || beta->factor.x <= 1) return result_ok();
+    if (p->dialect.dialect == DIALECT_V3)
+        return error_at(where, "\"%s\" is %g, but must be from 0 to 1", name, (double)beta->factor.x);
+    report_warning(p->report, where, "\"%s\" is %g, and counts as 1, as in pbrt", name,
+                   (double)beta->factor.x);
+    return result_ok();
+}
+
+static result_t read_hair(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)
+{
+    bool v4 = p->dialect.dialect == DIALECT_V4 && !params_has(params, "color");
+    pigment_t pigments[PIGMENTS] = {{"sigma_a", VALUE_ATTENUATION, false},
+                                    {v4 ? "reflectance" : "color", VALUE_REFLECTANCE, false},
+                                    {"eumelanin", VALUE_EUMELANIN, false},
+                                    {"pheomelanin", VALUE_PHEOMELANIN, false}};
+    TRY(check_roughness_of_hair(p, params, "beta_m", at, &record->values[VALUE_ROUGHNESS_U]));
+    TRY(check_roughness_of_hair(p, params, "beta_n", at, &record->values[VALUE_ROUGHNESS_V]));
+    for (int i = 0; i < PIGMENTS; ++i) TRY(read_pigment(p, params, &pigments[i], record));
+    drop_pigments(p, params, at, pigments, record);
+    return result_ok();
+}
+
+/* ---- substitutes -------------------------------------------------------------------------------------- */
+
 static const param_rule_t substitute_rules[] = {
     {{"name", "sigma_a", "sigma_s", "mfp", "g", "scale"}, PARAM_ACCEPT, NULL},
-    {{"Kr", "Kt", "eumelanin", "pheomelanin"}, PARAM_ACCEPT, NULL},
-    {{"eta", "beta_m", "beta_n", "alpha", "roughness", "uroughness"}, PARAM_ACCEPT, NULL},
+    {{"Kr", "Kt", "eta", "roughness", "uroughness"}, PARAM_ACCEPT, NULL},
     {{"vroughness", "remaproughness"}, PARAM_ACCEPT, NULL},
 };
 
 /* The first colour that looks like one of the surface, or that of a medium with a name. */
 static result_t read_substitute(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)
 {
-    static const char *const names[] = {"reflectance", "Kd", "color"};
+    static const char *const names[] = {"reflectance", "Kd"};
     const char *medium = NULL;
     rgb_t colour;
     (void)at;
@@ -127,9 +193,7 @@ static result_t read_substitute(pbrt_t *p, params_t *params, position_t at, blob
 #define CLEAR     {CONSTANT, NULL, VALUE_TRANSMITTANCE, 1}
 #define COAT      {NUMBER, "thickness", VALUE_THICKNESS, 0.01f}, {COLOUR, "albedo", VALUE_ALBEDO, 0}, \
                   {SIGNED, "g", VALUE_G, 0}
-/* Like a diffuse surface; or coated, for what scatters below a smooth or rough surface. */
-#define DIFFUSE_INSTEAD MATERIAL_DIFFUSE, .values = {{CONSTANT, NULL, VALUE_REFLECTANCE, 0.5f}}, \
-                        .rest = read_substitute, .nearest = "a diffuse surface"
+/* For what scatters below a smooth or rough surface. */
 #define COATED_INSTEAD  MATERIAL_COATED_DIFFUSE, \
                         .values = {{CONSTANT, NULL, VALUE_REFLECTANCE, 0.5f}, {CONSTANT, NULL, VALUE_THICKNESS, 0.01f}}, \
                         .index = {"eta", NULL, 1.33f}, .roughness = {{ALL_AXES}, 0, true}, \
@@ -195,7 +259,10 @@ static const row_t rows[] = {
 
     {{"none", DIALECT_BOTH}, .kind = 0},
     {{"", DIALECT_BOTH}, .kind = 0},
-    {{"hair", DIALECT_BOTH}, DIFFUSE_INSTEAD},
+    {{"hair", DIALECT_BOTH}, MATERIAL_HAIR,
+     .values = {{NUMBER, "beta_m", VALUE_ROUGHNESS_U, 0.3f}, {NUMBER, "beta_n", VALUE_ROUGHNESS_V, 0.3f},
+                {SIGNED, "alpha", VALUE_TILT, 2}},
+     .index = {"eta", NULL, 1.55f}, .rest = read_hair},
     {{"subsurface", DIALECT_BOTH}, COATED_INSTEAD},
 };
 /* clang-format on */

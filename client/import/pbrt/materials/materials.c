@@ -193,6 +193,7 @@ result_t pbrt_named_material(pbrt_t *p, position_t at)
 static result_t read_relief(pbrt_t *p, params_t *params, blob_material_t *record)
 {
     bool v3 = p->dialect.dialect == DIALECT_V3;
+    if (record->kind == MATERIAL_HAIR) return result_ok(); /* has none */
     const char *name = v3 ? "bumpmap" : "displacement", *filename = NULL;
     blob_value_t bump = blob_constant(0);
     record->normal_scale = 1;
@@ -305,13 +306,24 @@ static bool is_ready(pbrt_t *p, material_t *material, int depth)
 
 enum { LATE = 1u << 31 }; /* with an index in materials: a shape's material that is made at the end */
 
+/* Curves that were there before it was known that they are of hair. */
+static void make_fibres(pbrt_t *p, const blob_shape_t *shape)
+{
+    blob_curves_t *curves = blob_builder_records(p->builder->blob, BLOB_SECTION_CURVES);
+    if (curves[shape->geometry].kind == CURVES_ROUND) curves[shape->geometry].kind = CURVES_FIBRE;
+}
+
 static result_t finish_material(pbrt_t *p, blob_shape_t *shape)
 {
     if (!(shape->material & LATE)) return result_ok();
     material_t *material = &p->materials[shape->material & ~LATE];
     TRY(make_once(p, material));
     shape->material = material->index;
-    if (material->index != BLOB_NONE) return result_ok();
+    if (material->index != BLOB_NONE) {
+        if (shape->kind == SHAPE_CURVES && material_kind(material->entry) == MATERIAL_HAIR)
+            make_fibres(p, shape);
+        return result_ok();
+    }
     if (!(shape->flags & SHAPE_INTERFACE) || shape->light != BLOB_NONE || shape->kind == SHAPE_CURVES)
         return error_at(material->at, "an interface must be made before a shape has it");
     shape->material = pbrt_interface_material(p);
@@ -353,6 +365,12 @@ result_t pbrt_shape_material(pbrt_t *p, params_t *shape_params, uint32_t *index)
     TRY(result);
     if (params_unread(shape_params) < unread) *index = append(p, material, record);
     return result_ok();
+}
+
+bool pbrt_material_is_hair(const pbrt_t *p)
+{
+    const material_t *material = &p->materials[p->now.material];
+    return material->params && material_kind(material->entry) == MATERIAL_HAIR;
 }
 
 void pbrt_check_unused_materials(pbrt_t *p)

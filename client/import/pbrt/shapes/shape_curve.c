@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "client/import/pbrt/materials/materials.h"
 #include "client/import/pbrt/shapes/shapes.h"
 
 typedef struct {
@@ -34,7 +35,8 @@ static result_t read_kind(pbrt_t *p, shape_work_t *work, curve_t *curve)
     if (!curve->spline && strcmp(basis, "bezier") != 0)
         return error_at(params_where(work->params, "basis", work->at),
                         "the basis of a curve is \"bezier\" or \"bspline\", not \"%.40s\"", basis);
-    if (strcmp(type, "flat") == 0 && !p->flat_curves) {
+    if (curve->kind == CURVES_ROUND && pbrt_material_is_hair(p)) curve->kind = CURVES_FIBRE;
+    if (strcmp(type, "flat") == 0 && curve->kind == CURVES_ROUND && !p->flat_curves) {
         p->flat_curves = true;
         report_warning(p->report, work->at, "flat curves are taken for round ones, here and further down");
     }

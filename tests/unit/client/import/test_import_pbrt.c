@@ -656,6 +656,111 @@ static void v4_materials_have_their_defaults(void **state)
     bench_close(&bench);
 }
 
+#define LIT "LightSource \"point\"\n"
+#define STRAND "Shape \"curve\" \"string type\" \"cylinder\" \"point3 P\" [0 0 0  1 0 0  2 0 0  3 0 0]\n"
+
+static void hair_has_its_defaults_in_both_dialects(void **state)
+{
+    (void)state;
+    static const expected_t brown[] = {
+        {VALUE_ROUGHNESS_U, 0.3}, {VALUE_ROUGHNESS_V, 0.3}, {VALUE_ETA, 1.55},      {VALUE_TILT, 2},
+        {VALUE_ATTENUATION, 0},   {VALUE_EUMELANIN, 1.3},   {VALUE_PHEOMELANIN, 0}, {VALUE_REFLECTANCE, 0}};
+    static const expected_t red[] = {{VALUE_ROUGHNESS_U, 0.5},   {VALUE_ROUGHNESS_V, 0.25},
+                                     {VALUE_ETA, 1.25},          {VALUE_TILT, -3},
+                                     {VALUE_PHEOMELANIN, 0.125}, {VALUE_EUMELANIN, 0.5}};
+    static const char pigments[] = "Material \"hair\" \"float pheomelanin\" .125 \"float eumelanin\" .5 "
+                                   "\"float beta_m\" .5 \"float beta_n\" "
+                                   ".25 \"float alpha\" -3 \"float eta\" 1.25\n" STRAND;
+    bench_t bench = {0};
+    for (int v3 = 0; v3 < 2; ++v3) {
+        char *text =
+            mem_printf("%s" LIT "Material \"hair\"\n" STRAND "%s", v3 ? "" : "WorldBegin\n", pigments);
+        if (v3)
+            bench_run_v3(&bench, text);
+        else
+            bench_run(&bench, text);
+        free(text);
+        bench_expect_silence(&bench);
+        EXPECT_MATERIAL(0, MATERIAL_HAIR, 0, brown);
+        EXPECT_MATERIAL(1, MATERIAL_HAIR, 0, red);
+    }
+    bench_close(&bench);
+}
+
+static void expect_pigments(const bench_t *bench, uint64_t index, uint32_t flags, double sigma, double colour)
+{
+    assert_int_equal(material_of(bench, index)->kind, MATERIAL_HAIR);
+    assert_int_equal(material_of(bench, index)->flags, flags);
+    expect_near(number_of(bench, index, VALUE_ATTENUATION), sigma, 1e-6);
+    expect_near(number_of(bench, index, VALUE_REFLECTANCE), colour, 1e-6);
+    expect_near(number_of(bench, index, VALUE_EUMELANIN), 0, 0);
+    expect_near(number_of(bench, index, VALUE_PHEOMELANIN), 0, 0);
+}
+
+/* What absorbs: sigma_a goes before a colour, and both before melanin. */
+static void hair_absorbs_by_the_first_of_its_pigments(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_run_v3(&bench,
+                 LIT "Material \"hair\" \"rgb color\" [.75 .75 .75] \"float eumelanin\" 1 \"rgb sigma_a\" "
+                     "[.25 .25 .25]\n" STRAND
+                     "Material \"hair\" \"float pheomelanin\" 1 \"rgb color\" [.75 .75 .75]\n" STRAND);
+    bench_expect_ok(&bench);
+    expect_pigments(&bench, 0, 0, 0.25, 0);
+    expect_pigments(&bench, 1, MATERIAL_DYED, 0, 0.75);
+    expect_text(bench.warnings, "s.pbrt:3:17: \"color\" is ignored, since there is \"sigma_a\"");
+    expect_text(bench.warnings, "\"eumelanin\" is ignored, since there is \"sigma_a\"");
+    expect_text(bench.warnings, "\"pheomelanin\" is ignored, since there is \"color\"");
+    assert_int_equal(bench.warning_count, 3);
+    bench_run(&bench,
+              "WorldBegin\n" LIT
+              "Material \"hair\" \"float eumelanin\" 1 \"rgb reflectance\" [.75 .75 .75]\n" STRAND
+              "Texture \"t\" \"float\" \"fbm\"\nMaterial \"hair\" \"rgb color\" [.75 .75 .75] \"texture "
+              "beta_m\" \"t\" \"float beta_n\" 1.5\n" STRAND);
+    bench_expect_ok(&bench);
+    expect_pigments(&bench, 0, MATERIAL_DYED, 0, 0.75);
+    expect_pigments(&bench, 1, MATERIAL_DYED, 0, 0.75);
+    assert_int_equal(value_of(&bench, 1, VALUE_ROUGHNESS_U).texture, 1);
+    expect_text(bench.warnings, "\"eumelanin\" is ignored, since there is \"reflectance\"");
+    expect_text(bench.warnings, "\"beta_n\" is 1.5, and counts as 1, as in pbrt");
+    assert_int_equal(bench.warning_count, 2);
+    bench_run_v3(&bench, LIT "Material \"hair\" \"float beta_m\" 1.5\n" STRAND);
+    assert_int_equal(bench.result.code, RESULT_INPUT);
+    expect_text(bench.result.message, "s.pbrt:3:17: \"beta_m\" is 1.5, but must be from 0 to 1");
+    bench_close(&bench);
+}
+
+static uint32_t curves_kind(const bench_t *bench, uint64_t index)
+{
+    assert_int_equal(shape(bench, index)->kind, SHAPE_CURVES);
+    return bench->blob.curves[shape(bench, index)->geometry].kind;
+}
+
+static void curves_of_hair_are_fibres(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_run_v3(&bench, LIT STRAND
+                 "Material \"hair\"\n" STRAND "Shape \"curve\" \"point P\" [0 0 0 1 0 0 2 0 0 3 0 0]\n"
+                 "Shape \"curve\" \"string type\" \"ribbon\" \"normal N\" [0 0 1  0 1 0] \"point P\" [0 0 "
+                 "0 1 0 0 2 0 0 3 0 0]\n" SPHERE);
+    bench_expect_silence(&bench);
+    assert_int_equal(curves_kind(&bench, 0), CURVES_ROUND);
+    assert_int_equal(curves_kind(&bench, 1), CURVES_FIBRE);
+    assert_int_equal(curves_kind(&bench, 2), CURVES_FIBRE); /* flat ones need no warning then */
+    assert_int_equal(curves_kind(&bench, 3), CURVES_RIBBON);
+    assert_int_equal(material_of(&bench, 4)->kind, MATERIAL_HAIR);
+    /* v4 may say later what it is. */
+    bench_run(&bench, "WorldBegin\n" LIT "NamedMaterial \"h\"\n" STRAND "NamedMaterial \"d\"\n" STRAND
+                      "MakeNamedMaterial \"h\" \"string type\" \"hair\"\n"
+                      "MakeNamedMaterial \"d\" \"string type\" \"diffuse\"\n");
+    bench_expect_silence(&bench);
+    assert_int_equal(curves_kind(&bench, 0), CURVES_FIBRE);
+    assert_int_equal(curves_kind(&bench, 1), CURVES_ROUND);
+    bench_close(&bench);
+}
+
 static void mixes_refer_to_their_materials(void **state)
 {
     (void)state;
@@ -710,17 +815,14 @@ static void a_lenient_import_replaces_what_is_not_supported(void **state)
 {
     (void)state;
     static const expected_t skin[] = {{VALUE_REFLECTANCE, 0.25}, {VALUE_ETA, 1.4}, {VALUE_THICKNESS, 0.01}};
-    static const expected_t hair[] = {{VALUE_REFLECTANCE, 0.5}};
     bench_t bench = {.lenient = true};
     bench_run(&bench, "WorldBegin\nTexture \"t\" \"float\" \"ptex\" \"string filename\" \"none.ptx\"\n"
                       "Material \"subsurface\" \"rgb reflectance\" [.25 .25 .25] \"float eta\" 1.4 "
-                      "\"rgb mfp\" [1 2 3]\n" SPHERE "Material \"hair\" \"float eumelanin\" 1\n" SPHERE);
+                      "\"rgb mfp\" [1 2 3]\n" SPHERE);
     bench_expect_ok(&bench);
     EXPECT_MATERIAL(0, MATERIAL_COATED_DIFFUSE, 0, skin);
-    EXPECT_MATERIAL(1, MATERIAL_DIFFUSE, 0, hair);
     expect_text(bench.warnings, "s.pbrt:2:1: texture \"ptex\" is not supported; the nearest is");
     expect_text(bench.warnings, "s.pbrt:3:1: material \"subsurface\" is not supported; the nearest is");
-    expect_text(bench.warnings, "s.pbrt:5:1: material \"hair\" is not supported; the nearest is");
     bench.lenient = false;
     bench_import_file(&bench, "s.pbrt");
     assert_int_equal(bench.result.code, RESULT_INPUT);
@@ -806,11 +908,11 @@ static void an_unused_material_may_be_unsupported_but_not_silently(void **state)
 {
     (void)state;
     bench_t bench = {0};
-    bench_run_v3(&bench, "MakeNamedMaterial \"d\" \"string type\" \"hair\"\n"
+    bench_run_v3(&bench, "MakeNamedMaterial \"d\" \"string type\" \"kdsubsurface\"\n"
                          "Material \"matte\" \"rgb Kdd\" [1 1 1]\nMaterial \"matte\"\n" SPHERE);
     bench_expect_ok(&bench);
     expect_text(bench.warnings, "s.pbrt:2:1: a material that no shape has: ");
-    expect_text(bench.warnings, "material \"hair\" is not supported");
+    expect_text(bench.warnings, "material \"kdsubsurface\" is not supported");
     expect_text(bench.warnings, "s.pbrt:3:18: this material has no parameter \"rgb Kdd\"");
     bench_close(&bench);
 }
@@ -1298,6 +1400,9 @@ int main(void)
         cmocka_unit_test(v3_materials_become_ours),
         cmocka_unit_test(v3_materials_have_their_defaults),
         cmocka_unit_test(v4_materials_have_their_defaults),
+        cmocka_unit_test(hair_has_its_defaults_in_both_dialects),
+        cmocka_unit_test(hair_absorbs_by_the_first_of_its_pigments),
+        cmocka_unit_test(curves_of_hair_are_fibres),
         cmocka_unit_test(mixes_refer_to_their_materials),
         cmocka_unit_test(shapes_that_only_bound_media_are_left_out),
         cmocka_unit_test(a_lenient_import_replaces_what_is_not_supported),
