@@ -94,12 +94,13 @@ static void photons_keep_their_bits(void **state)
     }
 }
 
-/* Materials that draw random numbers of their own, textures, alpha, lights of every kind, moving things. */
+/* Materials that draw random numbers of their own, textures, alpha, lights of every kind, things that move,
+ * and media. */
 static void every_kind_of_scene_keeps_its_bits(void **state)
 {
     (void)state;
     static const char *const scenes[] = {"scenes/materials", "scenes/textures", "scenes/lights-env",
-                                         "tests/farm/everything.pbrt"};
+                                         "tests/farm/everything.pbrt", "tests/farm/media.pbrt"};
     for (size_t i = 0; i < ARRAY_LENGTH(scenes); i++) {
         hash_t one = render_scene(scenes[i], SPP_EACH, "--threads", "1");
         hash_t two = render_scene(scenes[i], SPP_EACH, "--workers", "2");

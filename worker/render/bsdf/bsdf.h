@@ -287,7 +287,7 @@ static inline rgb_t bsdf_attenuation(const bsdf_t *bsdf, vec3_t w)
 }
 
 /* The lobes; each file says what it does. lobe_fourier and lobe_measured are in tabulated/, lobe_hair is in
- * material/. */
+ * material/, and lobe_phase in medium/. */
 extern const lobe_kind_t lobe_lambert, lobe_lambert_transmission, lobe_oren_nayar, lobe_mirror,
     lobe_smooth_dielectric, lobe_smooth_conductor, lobe_pane, lobe_straight, lobe_rough_conductor,
     lobe_rough_dielectric, lobe_rough_reflection, lobe_rough_transmission, lobe_fresnel_blend,
