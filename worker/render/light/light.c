@@ -85,7 +85,8 @@ static uint32_t places_of(const lights_t *lights, const light_t *light, uint32_t
     return PLACES / shining;
 }
 
-/* Decides where the first vertex asks for places, when so many lights shine: of a few lights each has its own.
+/* Decides where the first vertex asks for places, when so many lights shine: of a few lights each has its
+ * own.
  */
 static void place_first(lights_t *lights, uint32_t shining)
 {
