@@ -81,13 +81,12 @@ static void enter_places(lights_t *lights, uint32_t light, uint32_t pair, uint32
 static uint32_t places_of(const lights_t *lights, const light_t *light, uint32_t shining)
 {
     if (kinds[light->record->kind]->escape != NULL) return shining == 1 ? PLACES_WITH_SKY : 2;
-    if (light->record->kind != LIGHT_AREA || lights->sky_count > 0 || shining >= PLACES) return 1;
+    if (light->record->kind != LIGHT_AREA || lights->sky_count > 0 || shining == 0 || shining >= PLACES)
+        return 1;
     return PLACES / shining;
 }
 
-/* Decides where the first vertex asks for places, when so many lights shine: of a few lights each has its
- * own.
- */
+/* Decides where the first vertex asks for places, when so many lights shine: each has its own of few. */
 static void place_first(lights_t *lights, uint32_t shining)
 {
     bool has_sky = lights->sky_count > 0, any = shining > (has_sky ? FEW_WITH_SKY : LIGHTS_FIRST_MOST);
