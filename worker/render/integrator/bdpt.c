@@ -400,8 +400,7 @@ static void meet_caustic(half_t *b, const vertex_t *y)
     }
 }
 
-/* Enters the light subpath into the pool, now that its first vertex says how often s = 1 would have drawn it.
- */
+/* Enters the light subpath into the pool, now that its first vertex says how often s = 1 would draw it. */
 static void begin_path(half_t *b, const walk_t *walk)
 {
     b->path.last = walk->last;

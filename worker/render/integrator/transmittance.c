@@ -15,12 +15,11 @@ static media_numbers_t numbers_between(const sample_t *sample, vec3_t from, vec3
 }
 
 /* The same through the borders of media, which are all that is in the way. */
-static rgb_t pass_borders(sample_t *sample, vec3_t from, vec3_t to, blob_ref_t number, float length,
+static rgb_t pass_borders(sample_t *sample, vec3_t from, vec3_t w, blob_ref_t number, float length,
                           media_numbers_t *numbers)
 {
     enum { MOST_BORDERS = 1000 }; /* as for walks */
     const setup_t *setup = sample->setup;
-    vec3_t w = v_scale(v_sub(to, from), 1 / v_length(v_sub(to, from)));
     rgb_t left = {1, 1, 1};
     float gone = 0;
     for (int i = 0; i < MOST_BORDERS; i++) {
@@ -47,9 +46,9 @@ rgb_t media_between(sample_t *sample, vec3_t from, vec3_t to, const medium_t *me
     if (!v_is_zero(medium->attenuation)) left = medium_transmittance(medium, length);
     if (setup->media == NULL) return left;
     media_numbers_t numbers = numbers_between(sample, from, to);
+    vec3_t w = v_normalize(v_sub(to, from));
     if (scene_has_borders(setup->scene))
-        return v_mul(left, pass_borders(sample, from, to, medium->number, length, &numbers));
+        return v_mul(left, pass_borders(sample, from, w, medium->number, length, &numbers));
     if (medium->number == 0) return left;
-    vec3_t w = v_scale(v_sub(to, from), 1 / v_length(v_sub(to, from)));
     return v_mul(left, media_transmittance(setup->media, medium->number, from, w, length, &numbers));
 }

@@ -15,7 +15,7 @@
  *
  * Most of what one sees is lit directly, and the first vertex of an eye subpath that scatters by more than
  * mirrors and clear glass is where that shows. For it lights_illuminate_first draws several places, on each
- * light where they are few and none is a sky. So they are denser there (`density`), and weights must know it.
+ * light where they are few. So they are denser there (`density`), and weights must know it.
  *
  * A new kind of light is one file light_*.c and one entry in LIGHT_KINDS below.
  */

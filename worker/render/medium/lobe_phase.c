@@ -1,6 +1,6 @@
 /* lobe_phase: how a point in a medium scatters light: Henyey and Greenstein's phase function (1941). It
- * stands in a frame whose normal is wo, so that z is the cosine between both directions, and is 1
- * steradian^-1 over all directions in sum. g is the mean cosine between the way of the light before and
+ * stands in a frame whose normal is wo, so that z is the cosine between both directions, and its integral
+ * over all directions is 1. g is the mean cosine between the way of the light before and
  * after. There are no cosines to any surface: `weight` is the value over the density, which is 1. */
 #include "worker/render/bsdf/lobe.h"
 
