@@ -3,11 +3,7 @@
 #define LIGHTMILL_SPECTRUM_DATA_H
 
 #include "common/base.h"
-
-enum { CIE_FIRST = 360, CIE_COUNT = 471 }; /* nm; one entry a nanometre */
-
-/* xbar, ybar, zbar of the CIE 1931 2-degree observer. */
-extern const double cie_observer[3][CIE_COUNT];
+#include "common/colour/cie.h"
 
 /* Where a table's values lie: from `first` by `step`, in nm or eV, or at a list of wavelengths in nm. */
 typedef enum { GRID_NANOMETRES, GRID_ELECTRONVOLTS, GRID_LISTED } grid_t;

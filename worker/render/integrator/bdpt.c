@@ -212,7 +212,7 @@ static void hit_lights(half_t *b, const walk_t *walk, const vertex_t *z)
     bool caustic = walk->seeks != CAUSTICS_NOWHERE && !walk->joinable;
     for (uint32_t k = 0; k < vertex_light_count(z, b->setup->lights); k++) {
         light_hit_t hit;
-        if (!vertex_light_hit(z, b->setup->lights, k, walk->point, &hit)) continue;
+        if (!vertex_light_hit(z, b->sample, k, walk->point, &hit)) continue;
         float count = walk->first ? first_light_count(b->setup, hit.light) : later_light_worth;
         float share =
             z->depth == 1 ? 0 : mis_share_counted(z, hit.pdf_place, hit.pdf_ray, count * hit.view_ratio);
@@ -415,7 +415,7 @@ static void trace_light_subpath(half_t *b, walk_t *walk, bool splats)
         walk_arrive(walk, b->sample, &y);
         if (i == 1) begin_path(b, walk);
         if (y.kind == VERTEX_SKY || vertex_is_for_eyes(&y) || !walk_weigh(walk, &y)) return;
-        vertex_shade(&y, b->setup, walk->scattered);
+        vertex_shade(&y, b->sample, walk->scattered);
         if (b->eta > 0) walk_weigh_merging(walk, &y, b->eta);
         if (vertex_is_joinable(&y)) {
             light_pool_add(b->sample->pool, &y);
@@ -482,7 +482,7 @@ static void follow(half_t *b, walk_t *walk)
         if (!walk_weigh(walk, &y)) return;
         if (!walk->joinable) hit_lights(b, walk, &y);
         if (y.kind == VERTEX_SKY || i == setup_max_segments(b->setup)) return;
-        vertex_shade(&y, b->setup, walk->scattered);
+        vertex_shade(&y, b->sample, walk->scattered);
         if (!walk_scatter(walk, b->sample, &y) || walk->joinable) return;
     }
 }
@@ -556,7 +556,7 @@ static rgb_t bdpt_eye(sample_t *sample)
         if (!walk_weigh(&walk, &z)) break;
         hit_lights(&b, &walk, &z);
         if (z.kind == VERTEX_SKY || (i == segments && i > 1)) break;
-        vertex_shade(&z, b.setup, walk.scattered);
+        vertex_shade(&z, sample, walk.scattered);
         if (i == 1) vertex_first_hit(&z, sample, eye);
         if (i == segments) break;
         if (b.eta > 0) walk_weigh_merging(&walk, &z, b.eta);

@@ -42,7 +42,7 @@ static rgb_t emitted(sample_t *sample, const walk_t *walk, const vertex_t *z)
     rgb_t sum = vec3(0, 0, 0);
     for (uint32_t k = 0; k < vertex_light_count(z, setup->lights); k++) {
         light_hit_t hit;
-        if (!vertex_light_hit(z, setup->lights, k, walk->point, &hit)) continue;
+        if (!vertex_light_hit(z, sample, k, walk->point, &hit)) continue;
         /* makes the place's density one per steradian at the vertex before */
         float measure = z->kind == VERTEX_SKY
                             ? 1
@@ -70,7 +70,7 @@ static rgb_t gather(sample_t *sample, walk_t *walk)
         if (vertex_light_count(&z, setup->lights) > 0)
             radiance = v_add(radiance, v_mul(z.throughput, emitted(sample, walk, &z)));
         if (z.kind == VERTEX_SKY || (i >= segments && i > 1)) return radiance;
-        vertex_shade(&z, setup, walk->scattered);
+        vertex_shade(&z, sample, walk->scattered);
         if (i == 1) vertex_first_hit(&z, sample, eye);
         if (i >= segments) return radiance;
         if (vertex_is_joinable(&z) && !lights_empty(setup->lights))

@@ -22,12 +22,31 @@ static bool is_share(material_value_t value)
            value == VALUE_AMOUNT;
 }
 
-rgb_t shading_colour(const shading_t *shading, material_value_t value)
+/* The colour as RGB. */
+static inline rgb_t plain_colour(const shading_t *shading, material_value_t value)
 {
     rgb_t c = value_at(shading, value);
     if ((shading->material->flags & MATERIAL_UNIT) != 0 && is_share(value))
         c = vec3(float_min(c.x, 1), float_min(c.y, 1), float_min(c.z, 1));
     return vec3(sane(c.x, 0), sane(c.y, 0), sane(c.z, 0));
+}
+
+/* Of what is no share of light. */
+static bool is_coefficient(material_value_t value)
+{
+    return value == VALUE_ETA || value == VALUE_K || value == VALUE_BASE_ETA || value == VALUE_ATTENUATION;
+}
+
+rgb_t shading_colour(const shading_t *shading, material_value_t value)
+{
+    rgb_t c = plain_colour(shading, value);
+    if (shading->waves == NULL) return c;
+    return (is_coefficient(value) ? waves_coefficient : waves_reflectance)(shading->waves, c);
+}
+
+float shading_luminance(const shading_t *shading, material_value_t value)
+{
+    return rgb_luminance(plain_colour(shading, value));
 }
 
 float shading_number(const shading_t *shading, material_value_t value)

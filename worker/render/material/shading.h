@@ -5,6 +5,7 @@
 
 #include "worker/render/bsdf/lobe.h"
 #include "worker/render/scene/scene.h"
+#include "worker/render/spectral/waves.h"
 
 /* A material about to add its lobes. */
 typedef struct shading shading_t;
@@ -18,10 +19,14 @@ struct shading {
     bsdf_t *bsdf;
     material_shade_t *shade; /* any material, by its kind */
     vec3_t coat_normal;      /* of a coat, in the BSDF's frame: (0, 0, 1) where it has none of its own */
+    const waves_t *waves;    /* of the channels; NULL: they are red, green and blue */
 };
 
-/* Values of the material at the point, bounded by 1e6; colours are not negative. */
+/* Values of the material at the point, bounded by 1e6; colours are not negative. A colour is what it is in
+ * each channel; */
 rgb_t shading_colour(const shading_t *shading, material_value_t value);
+/* and this the luminance of the same. */
+float shading_luminance(const shading_t *shading, material_value_t value);
 float shading_number(const shading_t *shading, material_value_t value);
 /* The alphas of the Trowbridge-Reitz distribution from the values `u` and `v`, remapped as the material's
  * flags say, at least 1e-4 each; false when the surface counts as smooth. */

@@ -250,12 +250,28 @@ static rgb_t emit_in_grid(const matter_t *m, vec3_t from, vec3_t direction, floa
     return sum;
 }
 
-/* ---- any ----------------------------------------------------------------------------------------------- */
+/* ---- any ---------------------------------------------------------------------------------------------- */
+
+/* The medium, with what its colours are in the channels; `there` is room for it. */
+static const matter_t *matter_of(const media_t *media, blob_ref_t medium, const media_numbers_t *numbers,
+                                 matter_t *there)
+{
+    const matter_t *m = &media->matter[medium - 1];
+    if (numbers->waves == NULL) return m;
+    *there = *m;
+    there->scattering = waves_coefficient(numbers->waves, m->scattering);
+    there->extinction =
+        v_add(there->scattering, waves_coefficient(numbers->waves, v_sub(m->extinction, m->scattering)));
+    there->most = v_max(there->extinction);
+    if (m->emits) there->emission = waves_light(numbers->waves, m->emission);
+    return there;
+}
 
 bool media_scatter(const media_t *media, blob_ref_t medium, vec3_t from, vec3_t direction, float distance,
                    media_numbers_t *numbers, rgb_t *throughput, float *at)
 {
-    const matter_t *m = &media->matter[medium - 1];
+    matter_t there;
+    const matter_t *m = matter_of(media, medium, numbers, &there);
     if (m->density != NULL && !density_is_small(m->density))
         return scatter_in_grid(m, from, direction, distance, numbers, throughput, at);
     return scatter_by_number(m, from, direction, distance, next_number(numbers), throughput, at);
@@ -264,7 +280,8 @@ bool media_scatter(const media_t *media, blob_ref_t medium, vec3_t from, vec3_t 
 rgb_t media_transmittance(const media_t *media, blob_ref_t medium, vec3_t from, vec3_t direction,
                           float distance, media_numbers_t *numbers)
 {
-    const matter_t *m = &media->matter[medium - 1];
+    matter_t there;
+    const matter_t *m = matter_of(media, medium, numbers, &there);
     if (m->density != NULL) return transmit_grid(m, from, direction, distance, numbers);
     return fade_rgb(m->extinction, distance);
 }
@@ -279,7 +296,8 @@ float media_fade(const media_t *media, blob_ref_t medium, float distance)
 rgb_t media_emission(const media_t *media, blob_ref_t medium, vec3_t from, vec3_t direction, float distance,
                      media_numbers_t *numbers)
 {
-    const matter_t *m = &media->matter[medium - 1];
+    matter_t there;
+    const matter_t *m = matter_of(media, medium, numbers, &there);
     if (m->density != NULL) return emit_in_grid(m, from, direction, distance, numbers);
     rgb_t a = m->extinction;
     return v_mul(m->emission,
