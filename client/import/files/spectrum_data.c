@@ -191,31 +191,25 @@ static const double tio2_k[] = {1.95, 2.18, 0.788, 0, 0.251, 0, 0, 0.022, 0, 0, 
 
 static const double nothing[] = {0};
 
-/* Glasses: the catalogue's index at the d line, 587.56 nm. F5, F10 and F11 are SF5, SF10 and SF11. */
-static const double glass_bk7[] = {1.5168};
-
-static const double glass_baf10[] = {1.67003};
-
-static const double glass_fk51a[] = {1.48656};
-
-static const double glass_lasf9[] = {1.85025};
-
-static const double glass_f5[] = {1.67271};
-
-static const double glass_f10[] = {1.72825};
-
-static const double glass_f11[] = {1.78472};
+/* Glasses of Schott's catalogue: the index at the d line, and the constants of Sellmeier's formula (1871),
+ * with wavelengths in micrometres. F5 is N-SF5, F10 and F11 are SF10 and SF11. */
+const spectrum_glass_t spectrum_glasses[] = {
+    {"glass-BK7", 1.5168, {1.03961212, 0.231792344, 1.01046945}, {0.00600069867, 0.0200179144, 103.560653}},
+    {"glass-BAF10", 1.67003, {1.5851495, 0.143559385, 1.08521269}, {0.00926681282, 0.0424489805, 105.613573}},
+    {"glass-FK51A",
+     1.48656,
+     {0.971247817, 0.216901417, 0.904651666},
+     {0.00472301995, 0.0153575612, 168.68133}},
+    {"glass-LASF9", 1.85025, {2.00029547, 0.298926886, 1.80691843}, {0.0121426017, 0.0538736236, 156.530829}},
+    {"glass-F5", 1.67271, {1.52481889, 0.187085527, 1.42729015}, {0.011254756, 0.0588995392, 129.141675}},
+    {"glass-F10", 1.72825, {1.61625977, 0.259229334, 1.07762317}, {0.0127534559, 0.0581983954, 116.60768}},
+    {"glass-F11", 1.78472, {1.73759695, 0.313747346, 1.89878101}, {0.013188707, 0.0623068142, 155.23629}},
+};
+const size_t spectrum_glass_count = ARRAY_LENGTH(spectrum_glasses);
 
 #define TABLE(values) values, ARRAY_LENGTH(values)
 
 const spectrum_table_t spectrum_tables[] = {
-    {"glass-BK7", GRID_NANOMETRES, 587.56, 0, NULL, TABLE(glass_bk7)},
-    {"glass-BAF10", GRID_NANOMETRES, 587.56, 0, NULL, TABLE(glass_baf10)},
-    {"glass-FK51A", GRID_NANOMETRES, 587.56, 0, NULL, TABLE(glass_fk51a)},
-    {"glass-LASF9", GRID_NANOMETRES, 587.56, 0, NULL, TABLE(glass_lasf9)},
-    {"glass-F5", GRID_NANOMETRES, 587.56, 0, NULL, TABLE(glass_f5)},
-    {"glass-F10", GRID_NANOMETRES, 587.56, 0, NULL, TABLE(glass_f10)},
-    {"glass-F11", GRID_NANOMETRES, 587.56, 0, NULL, TABLE(glass_f11)},
     {"metal-Ag-eta", GRID_ELECTRONVOLTS, 4.15, -0.05, NULL, TABLE(ag_eta)},
     {"metal-Ag-k", GRID_ELECTRONVOLTS, 4.15, -0.05, NULL, TABLE(ag_k)},
     {"metal-Al-eta", GRID_ELECTRONVOLTS, 4.15, -0.05, NULL, TABLE(al_eta)},

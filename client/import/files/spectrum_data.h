@@ -21,4 +21,14 @@ typedef struct {
 extern const spectrum_table_t spectrum_tables[];
 extern const size_t spectrum_table_count;
 
+/* n^2 = 1 + sum of b_i l^2 / (l^2 - c_i), with l in micrometres; and n at the d line, as the catalogue has it
+ * rounded. */
+typedef struct {
+    const char *name;
+    double d_line;
+    double b[3], c[3];
+} spectrum_glass_t;
+extern const spectrum_glass_t spectrum_glasses[];
+extern const size_t spectrum_glass_count;
+
 #endif

@@ -57,8 +57,8 @@ typedef struct {
     rgb_t r, t;       /* factors on what is reflected and transmitted */
     lobe_film_t film; /* on the outside; of the interfaces that both reflect and transmit */
     float film_f0;    /* reflectance at normal incidence without it */
-    float spread;     /* dispersion: the indices of blue and red are so much above and below `ior` */
-    uint32_t only;    /* of a dispersing one: 1 + the only channel that is carried, or 0: all */
+    float iors[3];    /* of a dispersing one: of each channel, */
+    uint32_t only;    /* and 1 + the only channel that is carried, or 0: all */
 } lobe_dielectric_t;
 
 typedef struct {

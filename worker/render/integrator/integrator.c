@@ -33,6 +33,14 @@ void sample_waves(sample_t *sample, waves_t *waves)
     sample->waves = waves;
 }
 
+rgb_t sample_light_waves(const sample_t *sample, uint32_t light, rgb_t radiance)
+{
+    const scene_blob_t *blob = scene_blob(sample->setup->scene);
+    const blob_value_t *value = &blob->lights[light].radiance;
+    if (value->spectrum == 0 || value->texture != 0) return waves_light(sample->waves, radiance);
+    return v_scale(waves_spectrum(sample->waves, &blob->spectra[value->spectrum - 1]), v_max(radiance));
+}
+
 bool sample_join_camera(const sample_t *sample, vec3_t p, uint32_t dimension, camera_view_t *view)
 {
     const setup_t *setup = sample->setup;

@@ -148,10 +148,11 @@ void sample_eye_ray(sample_t *sample, camera_ray_t *ray);
 float sample_time(const sample_t *sample);
 /* Draws the wavelengths of the sample, if its job is spectral, to be kept in *waves. */
 void sample_waves(sample_t *sample, waves_t *waves);
-/* What the channels have of light from a light, which RGB says. */
-static inline rgb_t sample_light(const sample_t *sample, rgb_t radiance)
+/* What the channels have of light from a light, of the given linear sRGB. */
+rgb_t sample_light_waves(const sample_t *sample, uint32_t light, rgb_t radiance);
+static inline rgb_t sample_light(const sample_t *sample, uint32_t light, rgb_t radiance)
 {
-    return sample->waves == NULL ? radiance : waves_light(sample->waves, radiance);
+    return sample->waves == NULL ? radiance : sample_light_waves(sample, light, radiance);
 }
 /* What the film shows of light in the channels. */
 static inline rgb_t sample_colour(const sample_t *sample, rgb_t light)

@@ -17,7 +17,7 @@ bool vertex_light_hit(const vertex_t *vertex, const sample_t *sample, uint32_t k
     const lights_t *lights = sample->setup->lights;
     bool shines = vertex->kind == VERTEX_SKY ? lights_escape(lights, k, from, v_neg(vertex->wo), hit)
                                              : lights_hit(lights, from, &vertex->surface, vertex->wo, hit);
-    if (shines) hit->radiance = sample_light(sample, hit->radiance);
+    if (shines) hit->radiance = sample_light(sample, hit->light, hit->radiance);
     return shines;
 }
 

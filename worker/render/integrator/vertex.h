@@ -169,7 +169,7 @@ static inline bool vertex_view_light(const vertex_t *vertex, const sample_t *sam
         vec2_t place = sample_2d(sample, DIMENSION_FIRST_LIGHTS + lights_first_pair(lights, k));
         if (!lights_illuminate_first(lights, k, vertex_point(vertex), choice, place, view)) return false;
     }
-    view->radiance = sample_light(sample, view->radiance);
+    view->radiance = sample_light(sample, view->light, view->radiance);
     return true;
 }
 

@@ -135,7 +135,7 @@ static void add_solid(const shading_t *shading, rgb_t colour, rgb_t tint, float 
         shading_add_dielectric(shading, kind, v_scale(tint, left), v_scale(colour, left), ior, finish->alpha);
     add_absorption(shading);
     if (lobe == NULL) return;
-    lobe->dielectric.spread = (ior - 1) * 0.025f * dispersion;
+    if (disperses) shading_spread(shading, ior, dispersion, lobe->dielectric.iors);
     lobe->dielectric.film = finish->film;
     lobe->dielectric.film_f0 = (ior - 1) / (ior + 1) * ((ior - 1) / (ior + 1));
 }

@@ -41,6 +41,10 @@ rgb_t shading_colour(const shading_t *shading, material_value_t value)
 {
     rgb_t c = plain_colour(shading, value);
     if (shading->waves == NULL) return c;
+    const blob_value_t *v = &shading->material->values[value];
+    if (v->spectrum != 0 && v->texture == 0)
+        return v_scale(waves_spectrum(shading->waves, &scene_blob(shading->scene)->spectra[v->spectrum - 1]),
+                       v_max(c));
     return (is_coefficient(value) ? waves_coefficient : waves_reflectance)(shading->waves, c);
 }
 
@@ -52,6 +56,35 @@ float shading_luminance(const shading_t *shading, material_value_t value)
 float shading_number(const shading_t *shading, material_value_t value)
 {
     return sane(value_at(shading, value).x, -LARGEST_VALUE);
+}
+
+bool shading_disperses(const shading_t *shading, material_value_t value, float iors[3])
+{
+    const blob_value_t *v = &shading->material->values[value];
+    if (shading->waves == NULL || v->spectrum == 0 || v->texture != 0) return false;
+    rgb_t c = shading_colour(shading, value);
+    iors[0] = c.x, iors[1] = c.y, iors[2] = c.z;
+    for (int k = 0; k < 3; k++)
+        if (!(iors[k] > 1 + 2 * LOBE_LEAST_REFRACTION && iors[k] <= 100)) return false;
+    return true;
+}
+
+/* n = a + b / wavelength^2; the Abbe number is (n_d - 1) / (n_F - n_C). */
+static float cauchy(float ior, float dispersion, float nm)
+{
+    const float d = 587.56f, f = 486.13f, c = 656.27f;
+    float b = (ior - 1) * dispersion / 20 / (1 / (f * f) - 1 / (c * c));
+    return ior + b * (1 / (nm * nm) - 1 / (d * d));
+}
+
+void shading_spread(const shading_t *shading, float ior, float dispersion, float iors[3])
+{
+    float spread = (ior - 1) * 0.025f * dispersion;
+    for (int k = 0; k < 3; k++) {
+        float there = shading->waves != NULL ? cauchy(ior, dispersion, shading->waves->nm[k])
+                                             : ior + (float)(k - 1) * spread;
+        iors[k] = float_clamp(there, 1 + 2 * LOBE_LEAST_REFRACTION, 100);
+    }
 }
 
 /* pbrt-v3's fit of an alpha to its older Blinn exponent (TrowbridgeReitzDistribution::RoughnessToAlpha). */

@@ -28,6 +28,12 @@ rgb_t shading_colour(const shading_t *shading, material_value_t value);
 /* and this the luminance of the same. */
 float shading_luminance(const shading_t *shading, material_value_t value);
 float shading_number(const shading_t *shading, material_value_t value);
+/* The indices of refraction of a body in each channel, where they differ: those of a measured spectrum.
+ * False: they do not, or not in RGB, or light is hardly refracted. */
+bool shading_disperses(const shading_t *shading, material_value_t value, float iors[3]);
+/* The same, of glass with this index at 587.56 nm and the Abbe number 20 / `dispersion`: in RGB as far apart
+ * as KHR_materials_dispersion has it, for wavelengths by Cauchy's formula. */
+void shading_spread(const shading_t *shading, float ior, float dispersion, float iors[3]);
 /* The alphas of the Trowbridge-Reitz distribution from the values `u` and `v`, remapped as the material's
  * flags say, at least 1e-4 each; false when the surface counts as smooth. */
 bool shading_alphas(const shading_t *shading, material_value_t u, material_value_t v, float alpha[2]);

@@ -110,6 +110,18 @@ rgb_t waves_coefficient(const waves_t *waves, rgb_t colour)
     return all_places(waves, &s);
 }
 
+rgb_t waves_spectrum(const waves_t *waves, const blob_spectrum_t *spectrum)
+{
+    float at[WAVES];
+    for (int k = 0; k < WAVES; k++) {
+        float place = (waves->nm[k] - BLOB_SPECTRUM_FIRST) / BLOB_SPECTRUM_STEP;
+        int sample = int_min((int)place, BLOB_SPECTRUM_SAMPLES - 2);
+        float part = place - (float)sample;
+        at[k] = (1 - part) * spectrum->samples[sample] + part * spectrum->samples[sample + 1];
+    }
+    return vec3(at[0], at[1], at[2]);
+}
+
 rgb_t waves_light(const waves_t *waves, rgb_t colour)
 {
     return v_mul(waves_coefficient(waves, colour), waves->white);

@@ -43,6 +43,8 @@ waves_t waves_draw(const waves_tables_t *tables, float u);
 rgb_t waves_reflectance(const waves_t *waves, rgb_t colour);
 rgb_t waves_coefficient(const waves_t *waves, rgb_t colour);
 rgb_t waves_light(const waves_t *waves, rgb_t colour);
+/* A measured spectrum of a blob. */
+rgb_t waves_spectrum(const waves_t *waves, const blob_spectrum_t *spectrum);
 /* Linear sRGB that the film shows of light in the channels. */
 static inline rgb_t waves_colour(const waves_t *waves, rgb_t light)
 {
