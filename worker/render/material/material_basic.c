@@ -49,7 +49,7 @@ void material_conductor(const shading_t *shading)
 {
     float alpha[2];
     rgb_t reflectance = shading_colour(shading, VALUE_REFLECTANCE), eta = shading_colour(shading, VALUE_ETA),
-          k = shading_colour(shading, VALUE_K);
+          k = shading_absorption_index(shading, VALUE_ETA);
     bool rough = shading_alphas(shading, VALUE_ROUGHNESS_U, VALUE_ROUGHNESS_V, alpha);
     lobe_t *lobe = shading_add(shading, rough ? &lobe_rough_conductor : &lobe_smooth_conductor, reflectance,
                                v_max(v_mul(reflectance, fresnel_conductor(1, eta, k))));
