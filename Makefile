@@ -22,7 +22,7 @@ endif
 ALL_CFLAGS = -std=gnu17 -D_GNU_SOURCE $(BASELINE) $(WARNINGS) $(CFLAGS) $(SANITIZE) -I. -I$(BUILD) $(patsubst -I%,-isystem%,$(PKG_CFLAGS)) -pthread
 # C++ is for shims before libraries that have no C interface.
 ALL_CXXFLAGS = -std=gnu++17 -D_GNU_SOURCE $(BASELINE) -Wall -Wextra -Wshadow $(CFLAGS) $(SANITIZE) -fno-sanitize=vptr -I. $(patsubst -I%,-isystem%,$(PKG_CFLAGS)) -pthread
-ALL_LIBS   = $(LDFLAGS) -Wl,--as-needed $(PKG_LIBS) -lembree3 -lmeshoptimizer -lstdc++ -lm -pthread
+ALL_LIBS   = $(LDFLAGS) -Wl,--as-needed $(PKG_LIBS) -lembree3 -lmeshoptimizer -lblosc -lstdc++ -lm -pthread
 
 sources     = $(sort $(shell find $(1) \( -name '*.c' -o -name '*.cc' \) ! -name main.c))
 COMMON_SRC := $(call sources,common)
@@ -106,7 +106,7 @@ $(BUILD)/%.o: %.cc
 $(call archive,tests): $(call objects,$(wildcard tests/*.c tests/*.cc))
 $(BUILD)/tests/%: $(BUILD)/tests/%.o $(call archive,tests) $(LIBRARIES)
 	@echo "  link $@"
-	$(Q)$(CC) $(ALL_CFLAGS) -o $@ $(filter %.o,$^) $(filter %.a,$^) $(ALL_LIBS) $(EXTRA_LIBS) -lcmocka
+	$(Q)$(CC) $(ALL_CFLAGS) -o $@ $(filter %.o,$^) $(filter %.a,$^) $(ALL_LIBS) -lcmocka
 
 $(BUILD)/tests/unit/tests/test_corpus: $(call objects,$(wildcard tests/fuzz/*.c))
 $(BUILD)/tests/unit/tests/test_proxy $(BUILD)/tests/farm/test_links: $(call objects,tests/chaos/proxy.c tests/chaos/stream.c tests/chaos/zmtp.c)
@@ -343,7 +343,7 @@ bench-textures: deps-test
 
 # What docs/codec.md says of the alternatives to our payload coding.
 bench-codec: deps-dev
-	$(SUBMAKE) $(JOBS) EXTRA_LIBS=-lblosc $(BUILD)/tests/bench/bench_codec
+	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_codec
 	$(BUILD)/tests/bench/bench_codec
 
 # Builds the images with buildah and renders a job through them; as root, some minutes.
