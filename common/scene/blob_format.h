@@ -23,7 +23,8 @@ enum {
     BLOB_MAX_FOURIER_ORDER = 16384, /* terms of a series */
     BLOB_MAX_MEASURED_SIDE = 4096,
     BLOB_MAX_GRID_SIDE = 4096, /* of a field, in cells */
-    BLOB_BRICK_SIDE = 8,
+    BLOB_BRICK_SHIFT = 3,
+    BLOB_BRICK_SIDE = 1 << BLOB_BRICK_SHIFT,
     BLOB_BRICK_CELLS = BLOB_BRICK_SIDE * BLOB_BRICK_SIDE * BLOB_BRICK_SIDE,
     BLOB_GLOW_STEPS = 1024 /* colours of black bodies */
 };

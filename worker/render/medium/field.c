@@ -3,6 +3,8 @@
 
 #include "worker/render/medium/cloud.h"
 
+#include <string.h>
+
 field_t field_open(const scene_blob_t *blob, blob_ref_t ref)
 {
     field_t field = {0};
@@ -41,17 +43,17 @@ static bool has_cell(const field_t *f, int x, int y, int z)
 /* The numbers of the brick that a cell lies in; NULL: all are 0. */
 static const float *brick_at(const field_t *f, int x, int y, int z)
 {
-    const int side = BLOB_BRICK_SIDE,
-              bricks[3] = {f->cells[0] / side, f->cells[1] / side, f->cells[2] / side};
-    uint32_t brick = f->bricks[cell_index(bricks, x / side, y / side, z / side)];
+    const int shift = BLOB_BRICK_SHIFT,
+              bricks[3] = {f->cells[0] >> shift, f->cells[1] >> shift, f->cells[2] >> shift};
+    uint32_t brick = f->bricks[cell_index(bricks, x >> shift, y >> shift, z >> shift)];
     return brick == BLOB_NONE ? NULL : f->numbers + (size_t)brick * BLOB_BRICK_CELLS;
 }
 
 /* Where a cell lies in its brick. */
 static int in_brick(int x, int y, int z)
 {
-    const int side = BLOB_BRICK_SIDE;
-    return (x % side * side + y % side) * side + z % side;
+    const int last = BLOB_BRICK_SIDE - 1, shift = BLOB_BRICK_SHIFT;
+    return ((x & last) << 2 * shift) + ((y & last) << shift) + (z & last);
 }
 
 static float cell_at(const field_t *f, int x, int y, int z)
@@ -69,24 +71,39 @@ static rgb_t colour_of_cell(const field_t *f, int x, int y, int z)
     return vec3(c[0], c[1], c[2]);
 }
 
-/* All eight corners lie in one brick. */
-static bool corners_in_brick(const field_t *f, const int first[3], float corners[8])
+/* The corners of a cube whose first is `at`; `steps` lead to the next along each axis. */
+static void read_corners(const float *at, size_t step_x, size_t step_y, size_t step_z, float corners[8])
 {
-    const int last = BLOB_BRICK_SIDE - 1;
-    for (int i = 0; i < 3; i++)
-        if (first[i] < 0 || first[i] >= f->cells[i] || first[i] % BLOB_BRICK_SIDE == last) return false;
-    const float *brick = brick_at(f, first[0], first[1], first[2]);
-    int at = in_brick(first[0], first[1], first[2]);
     for (int k = 0; k < 8; k++)
-        corners[k] = brick != NULL ? brick[at + in_brick(k & 1, k >> 1 & 1, k >> 2)] : 0;
-    return true;
+        corners[k] = at[(size_t)(k & 1) * step_x + (size_t)(k >> 1 & 1) * step_y + (size_t)(k >> 2) * step_z];
+}
+
+/* All eight corners lie in one brick. */
+static void corners_in_brick(const field_t *f, const int first[3], float corners[8])
+{
+    const size_t side = BLOB_BRICK_SIDE;
+    const float *brick = brick_at(f, first[0], first[1], first[2]);
+    if (brick != NULL)
+        read_corners(brick + in_brick(first[0], first[1], first[2]), side * side, side, 1, corners);
+    else
+        memset(corners, 0, 8 * sizeof *corners);
 }
 
 void field_corners(const field_t *field, const int first[3], float corners[8])
 {
-    if (field->bricks != NULL && corners_in_brick(field, first, corners)) return;
-    for (int k = 0; k < 8; k++)
-        corners[k] = cell_at(field, first[0] + (k & 1), first[1] + (k >> 1 & 1), first[2] + (k >> 2));
+    const int *n = field->cells, last = BLOB_BRICK_SIDE - 1, x = first[0], y = first[1], z = first[2];
+    if (x >= 0 && y >= 0 && z >= 0 && x < n[0] - 1 && y < n[1] - 1 && z < n[2] - 1) {
+        if (field->bricks == NULL) {
+            size_t row = (size_t)n[0], layer = row * (size_t)n[1];
+            read_corners(field->numbers + cell_index(n, x, y, z), 1, row, layer, corners);
+            return;
+        }
+        if ((x & last) != last && (y & last) != last && (z & last) != last) {
+            corners_in_brick(field, first, corners);
+            return;
+        }
+    }
+    for (int k = 0; k < 8; k++) corners[k] = cell_at(field, x + (k & 1), y + (k >> 1 & 1), z + (k >> 2));
 }
 
 float field_between(const float corners[8], const float part[3])

@@ -311,5 +311,7 @@ result_t medium_nanovdb(pbrt_t *p, params_t *params, position_t at, blob_medium_
     scene_count_file(p->builder, path);
     result_t result = read_files(p, params, at, path, medium);
     free(path);
-    return result;
+    if (result.code == RESULT_OK) return result;
+    *medium = (blob_medium_t){.g = medium->g};
+    return report_excuse(p->report, result, "the medium is empty space");
 }
