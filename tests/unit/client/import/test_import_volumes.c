@@ -216,6 +216,106 @@ static void temperatures_are_moved_and_scaled(void **state)
     bench_close(&bench);
 }
 
+/* ---- the smoke of pbrt-v3's reference --------------------------------------------------------------------
+ */
+
+/* Its densities, and where they stand. */
+typedef struct {
+    int side;
+    float *cells;
+    xform_t place;
+    rgb_t absorption, scattering;
+} smoke_t;
+
+static smoke_t smoke_of(bench_t *bench)
+{
+    result_t made = import_scene_blob("scenes/smoke", NULL, &bench->bytes, &bench->size);
+    assert_int_equal(made.code, RESULT_OK);
+    assert_int_equal(blob_open(bench->bytes, bench->size, &bench->blob).code, RESULT_OK);
+    const blob_medium_t *m = medium(bench);
+    const blob_field_t *f = field(bench, m->density);
+    smoke_t smoke = {(int)f->cells[0], NULL, f->world_from_field, m->absorption, m->scattering};
+    size_t count = (size_t)f->cells[0] * f->cells[1] * f->cells[2];
+    smoke.cells = mem_alloc(count * sizeof *smoke.cells);
+    memcpy(smoke.cells, bench->blob.numbers + f->first, count * sizeof *smoke.cells);
+    bench_close(bench);
+    return smoke;
+}
+
+static float smoke_at(const void *context, int x, int y, int z)
+{
+    const smoke_t *smoke = context;
+    return smoke->cells[((size_t)z * (size_t)smoke->side + (size_t)y) * (size_t)smoke->side + (size_t)x];
+}
+
+static void expect_place(const xform_t *a, const xform_t *b)
+{
+    for (int i = 0; i < 12; ++i) expect_near((double)a->m[i / 4][i % 4], (double)b->m[i / 4][i % 4], 1e-6);
+}
+
+/* The same grid as pbrt-v4 has it, in the scene and in a file, says the same of each place. */
+static void smoke_is_the_same_in_all_forms(void **state)
+{
+    (void)state;
+#define PLACE "Translate -1 0.05 -1\nScale 2 2 2\n"
+#define COEFFICIENTS "\"rgb sigma_a\" [0.6 0.7 0.9] \"rgb sigma_s\" [2.4 2.3 2.1] "
+    bench_t bench = {0};
+    smoke_t smoke = smoke_of(&bench);
+    int n = smoke.side, count = n * n * n, used = 0, room = 16 * count + 200;
+    char *world = mem_alloc((size_t)room);
+    used = snprintf(world, (size_t)room,
+                    PLACE "MakeNamedMedium \"m\" \"string type\" \"uniformgrid\" " COEFFICIENTS
+                          "\"integer nx\" %d \"integer ny\" %d \"integer nz\" %d \"float density\" [",
+                    n, n, n);
+    for (int i = 0; i < count; ++i)
+        used += snprintf(world + used, (size_t)(room - used), "%.9g ", (double)smoke.cells[i]);
+    snprintf(world + used, (size_t)(room - used), "]\n");
+    run_quietly(&bench, world);
+    free(world);
+    const blob_field_t *f = field(&bench, medium(&bench)->density);
+    assert_memory_equal(bench.blob.numbers + f->first, smoke.cells, (size_t)count * sizeof(float));
+    expect_place(&f->world_from_field, &smoke.place);
+    expect_vec3(medium(&bench)->absorption, (double)smoke.absorption.x, (double)smoke.absorption.y,
+                (double)smoke.absorption.z);
+
+    double side = 1.0 / n;
+    nanovdb_pack_t grid = {
+        .name = "density", .high = {n - 1, n - 1, n - 1}, .at = smoke_at, .context = &smoke};
+    for (int i = 0; i < 3; ++i) {
+        grid.voxel[i] = side;
+        grid.origin[i] = 0.5 * side; /* voxels stand where cells have their middles */
+    }
+    pack_file(&bench, &grid, 1, NANOVDB_PACK_NONE);
+    run_quietly(&bench, PLACE FILE_MEDIUM COEFFICIENTS "\n");
+    f = field(&bench, medium(&bench)->density);
+    expect_vec3(medium(&bench)->scattering, (double)smoke.scattering.x, (double)smoke.scattering.y,
+                (double)smoke.scattering.z);
+    uint64_t met = 0;
+    for (int i = 0; i < count; ++i) {
+        const int cell[3] = {i % n, i / n % n, i / (n * n)};
+        /* the cell's middle, as a point of the unit cube of the first form, of the world, and as a voxel */
+        vec3_t middle = vec3(((float)cell[0] + 0.5f) / (float)n, ((float)cell[1] + 0.5f) / (float)n,
+                             ((float)cell[2] + 0.5f) / (float)n);
+        xform_t into;
+        assert_true(xform_invert(&f->world_from_field, &into));
+        vec3_t u = xform_point(&into, xform_point(&smoke.place, middle));
+        const float p[3] = {u.x, u.y, u.z};
+        int at[3];
+        for (int k = 0; k < 3; ++k) {
+            float place = f->origin[k] + p[k] * f->span[k];
+            at[k] = (int)lrintf(place);
+            assert_true(fabsf(place - (float)at[k]) < 1e-3f);
+        }
+        assert_true(number_at(&bench, f, at) == smoke.cells[i]);
+        met += smoke.cells[i] > 0;
+    }
+    assert_true(met > 100);
+    free(smoke.cells);
+    bench_close(&bench);
+#undef COEFFICIENTS
+#undef PLACE
+}
+
 /* ---- files that are none --------------------------------------------------------------------------------
  */
 
@@ -505,6 +605,7 @@ int main(void)
         cmocka_unit_test(what_is_even_takes_no_room),
         cmocka_unit_test(a_file_may_have_several_grids),
         cmocka_unit_test(temperatures_are_moved_and_scaled),
+        cmocka_unit_test(smoke_is_the_same_in_all_forms),
         cmocka_unit_test(files_that_are_none_are_errors),
         cmocka_unit_test(a_missing_file_is_empty_space_where_that_is_allowed),
         cmocka_unit_test(numbers_that_no_density_has_are_errors),
