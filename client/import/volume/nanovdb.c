@@ -3,6 +3,7 @@
 
 #include "client/import/volume/nanovdb_file.h"
 
+#include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -282,10 +283,10 @@ static result_t lay_out(walk_t *w, const int64_t low[3], const int64_t high[3], 
         int64_t first = low[i] >> 3, last = (high[i] + 1) >> 3;
         if (low[i] < -far || high[i] > far || (last - first + 1) * SIDE > BLOB_MAX_GRID_SIDE)
             return result_fail(RESULT_INPUT,
-                               "%s: the grid \"%.60s\" has %lld voxels along an axis, over the limit of %d; "
+                               "%s: the grid \"%.60s\" has %" PRId64
+                               " voxels along an axis, over the limit of %d; "
                                "make it coarser",
-                               w->path, w->name, (long long)(high[i] - low[i] + 1),
-                               BLOB_MAX_GRID_SIDE - SIDE);
+                               w->path, w->name, high[i] - low[i] + 1, BLOB_MAX_GRID_SIDE - SIDE);
         w->low[i] = (int32_t)first;
         w->bricks[i] = (int32_t)(last - first + 1);
         field->cells[i] = (uint32_t)w->bricks[i] * SIDE;
