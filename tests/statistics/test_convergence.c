@@ -56,7 +56,7 @@ static void the_error_that_ends_a_job_is_the_error(void **state)
 {
     (void)state;
     check_error("cornell", 0.05, false, 1);
-    check_error("seed-hidden", 0.08, false, 2);
+    check_error("seed-hidden", 0.1, false, 2);
     check_error("cornell", 0.06, true, 3);
 }
 
@@ -136,11 +136,12 @@ static double tally_variance(const tally_t *tally, int tile)
     return (tally->square[tile] / tally->count - mean * mean) / (tally->count - 1);
 }
 
-/* A few long renders. */
+/* A few long renders: with as many samples as half the images that are held to them, or more, so that these make
+ * most of the noise. */
 static tally_t tally_truth(const scene_blob_t *blob, job_settings_t settings)
 {
     tally_t truth = {0};
-    settings.spp = 1024;
+    settings.spp = 512;
     for (int seed = 1; seed <= 8; seed++) {
         settings.seed = (uint64_t)seed << 32;
         film_t *film = render_here(blob, &settings);
@@ -219,10 +220,10 @@ static void images_that_learn_are_right_on_average(void **state)
 static void adaptive_images_are_better(void **state)
 {
     (void)state;
-    enum { SIDE = 64, SEEDS = 3 };
+    enum { SIDE = 48, SEEDS = 2 };
     test_scene_t scene = lamp_scene(SIDE, 0.25f, 0.3f, false);
     job_settings_t settings = one_strategy(&scene.blob, 1, 2);
-    settings.spp = 1024;
+    settings.spp = 512;
     film_t *film = render_here(&scene.blob, &settings);
     estimate_image_t truth = reference_estimate(film);
     double error[2] = {0, 0};

@@ -382,7 +382,7 @@ static bool compare(const char *name, const char *ways, const tally_t *a, const 
 
 static bool check_ways(const char *name, int flags, const lit_t *lit)
 {
-    enum { PLACES = 100000, RAYS = 300000, LOOKS = 200000 };
+    enum { PLACES = 40000, RAYS = 120000, LOOKS = 80000 };
     tally_t *tallies = mem_zalloc(4, sizeof *tallies);
     for (uint32_t i = 0; i < PLACES; i++) by_places(lit, i, &tallies[0]);
     for (uint32_t i = 0; i < PLACES; i++) by_first_places(lit, i, &tallies[3]);

@@ -66,7 +66,7 @@ static const case_t cases[] = {
     {"seed-hidden", "seed-hidden.glb", INTEGRATOR_BDPT, 64},
     {"cornell", "scene.pbrt", INTEGRATOR_BDPT, 128},
     {"caustic", "scene.pbrt", INTEGRATOR_BDPT, 512},
-    {"lights-delta", "scene.pbrt", INTEGRATOR_BDPT, 128},
+    {"lights-delta", "scene.pbrt", INTEGRATOR_BDPT, 256},
     {"lights-delta", "scene-v4.pbrt", INTEGRATOR_BDPT, 64},
     {"lights-env", "scene.pbrt", INTEGRATOR_BDPT, 256},
     {"materials", "scene.pbrt", INTEGRATOR_BDPT, 128},
@@ -132,6 +132,8 @@ static bool check(const case_t *c)
     agreement_limits_t limits = agreement_default_limits();
     agreement_measure(&image, &reference, &agreement);
     double error = mean_error(&image, &reference), most_error = wanted ? 0.003 : 0.0045;
+    /* With fewer samples two halves know the noise of blocks with specks worse. */
+    if (!wanted) limits.max_z = 8;
     /* Of light that goes through glass into haze and back through glass, which makes bright dots. */
     if (strcmp(c->scene, "fog-caustic") == 0) most_error = wanted ? 0.015 : 0.022;
     /* To a path tracer caustics behind a mirror are specks, so few and so bright that two halves know the
