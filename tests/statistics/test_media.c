@@ -573,9 +573,9 @@ enum { MAX_DEPTH = 4 };
 
 static bool check(const case_t *c)
 {
-    estimate_image_t path = render(c->text, INTEGRATOR_PATH, 96, MAX_DEPTH);
+    estimate_image_t path = render(c->text, INTEGRATOR_PATH, 192, MAX_DEPTH);
     static const integrator_t others[] = {INTEGRATOR_BDPT, INTEGRATOR_LIGHT, INTEGRATOR_VCM};
-    static const uint32_t samples[] = {32, 128, 16};
+    static const uint32_t samples[] = {64, 128, 16};
     bool holds = true;
     for (size_t k = 0; k < ARRAY_LENGTH(others); k++) {
         estimate_image_t image = render(c->text, others[k], samples[k], MAX_DEPTH);

@@ -84,11 +84,11 @@ static void check_furnace(double radius, int depth)
 {
     static const char scene[] =
         "LookAt 0.1 0.2 0  1 0 0.3  0 1 0\nCamera \"perspective\" \"float fov\" [60]\n"
-        "Film \"image\" \"integer xresolution\" [128] \"integer yresolution\" [128]\n"
+        "Film \"image\" \"integer xresolution\" [64] \"integer yresolution\" [64]\n"
         "PixelFilter \"box\" \"float xwidth\" [0.5] \"float ywidth\" [0.5]\nWorldBegin\n"
         "Material \"matte\" \"rgb Kd\" [0.6 0.6 0.6]\nReverseOrientation\n"
         "AreaLightSource \"diffuse\" \"rgb L\" [1 1 1]\nShape \"sphere\" \"float radius\" [1]\nWorldEnd\n";
-    wish_t wish = {.integrator = INTEGRATOR_VCM, .spp = 4, .radius = radius, .max_depth = depth};
+    wish_t wish = {.integrator = INTEGRATOR_VCM, .spp = 2, .radius = radius, .max_depth = depth};
     estimate_image_t image = render_text(scene, &wish);
     double error, mean = mean_of(&image, &error), truth = (1 - pow(0.6, depth + 1)) / 0.4;
     print_message("furnace, radius %g, depth %d: %.5f +- %.5f, expected %.5f\n", radius, depth, mean, error,
