@@ -11,12 +11,13 @@ typedef struct {
     float most; /* of the extinction, by channel */
     float mean; /* of the scattering */
     float g;
-    bool emits;
+    bool emits, is_body;
     density_t *density; /* NULL: 1 everywhere */
 } matter_t;
 
 struct media {
     uint32_t count;
+    bool has_bodies;
     matter_t matter[]; /* [count] */
 };
 
@@ -38,6 +39,9 @@ media_t *media_new(const scene_blob_t *blob, bool empty)
         m->emits = !v_is_zero(record->emission);
         if (record->cells[0] > 0) m->density = density_new(blob, record);
     }
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_MATERIALS] && !empty; i++)
+        if (blob->materials[i].body != 0)
+            media->has_bodies = media->matter[blob->materials[i].body - 1].is_body = true;
     return media;
 }
 
@@ -53,6 +57,16 @@ void media_destroy(media_t **media)
 bool media_emits(const media_t *media, blob_ref_t medium)
 {
     return medium != 0 && media->matter[medium - 1].emits;
+}
+
+bool media_is_body(const media_t *media, blob_ref_t medium)
+{
+    return medium != 0 && media->matter[medium - 1].is_body;
+}
+
+bool media_has_bodies(const media_t *media)
+{
+    return media != NULL && media->has_bodies;
 }
 
 /* ---- numbers ------------------------------------------------------------------------------------------- */
