@@ -1,6 +1,8 @@
 /* scene_builder: see scene_builder.h. */
 #include "client/import/scene/scene_builder.h"
 
+#include "client/import/scene/bodies.h"
+
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
@@ -189,28 +191,12 @@ result_t scene_place_camera(blob_scene_t *record, const affine_t *open, const af
     return error_at(at, "the camera's transform is singular or not finite");
 }
 
-/* What a shape has of media in the end. */
-static void settle_media(scene_builder_t *scene, blob_shape_t *shape)
-{
-    const blob_material_t *materials = blob_builder_records(scene->blob, BLOB_SECTION_MATERIALS);
-    blob_light_t *lights = blob_builder_records(scene->blob, BLOB_SECTION_LIGHTS);
-    blob_ref_t body = materials[shape->material].body;
-    int inside = (shape->flags & SCENE_INSIDE_OUT) != 0;
-    shape->flags &= ~SCENE_INSIDE_OUT;
-    if (body != 0) {
-        shape->flags |= SHAPE_INTERFACE;
-        shape->media[inside] = body;
-        if (shape->light != BLOB_NONE) lights[shape->light].medium = 0;
-    }
-    if (!(shape->flags & SHAPE_INTERFACE)) shape->media[0] = shape->media[1] = 0;
-}
-
 result_t scene_finish(scene_builder_t *scene, const blob_scene_t *record, position_t at)
 {
     TRY(scene_check_textures(scene, at));
+    scene_settle_media(scene, at);
     for (size_t i = 0; i < scene->object_count; ++i) {
         const struct scene_object *object = &scene->objects[i];
-        for (size_t k = 0; k < object->count; ++k) settle_media(scene, &object->shapes[k]);
         blob_object_t laid = {.shape_count = (uint32_t)object->count};
         laid.first_shape =
             blob_builder_add(scene->blob, BLOB_SECTION_SHAPES, object->shapes, laid.shape_count);

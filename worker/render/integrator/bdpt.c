@@ -282,7 +282,8 @@ static void join_vertices(half_t *b, const vertex_t *z, const light_choice_t *ch
     r_eye *= medium_fade(b->setup, medium.number, distance);
     float light_share = mis_share_counted(y, r_light, fy.pdf_rev, strategy_count(y, choice->path->last));
     float eye_share = mis_share_counted(z, r_eye, fz.pdf_rev, strategy_count(z, splat_worth));
-    float weight = weight_of(b, (light_share + eye_share) / square(inner_worth)) * choice->factor;
+    float worth = is_inner(b->setup, medium.number, arrival) ? body_worth : inner_worth;
+    float weight = weight_of(b, (light_share + eye_share) / square(worth)) * choice->factor;
     float factor = vertex_cosine(z, w) * vertex_cosine(y, w) * vertex_adjoint(y, back) / distance2 * weight;
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), v_mul(y->throughput, fy.f));
     if (v_is_zero(value)) return;

@@ -72,6 +72,7 @@ static void pass_media(walk_t *walk, sample_t *sample, bool hit, vertex_t *verte
     }
     vertex->media[0] = vertex->media[1] = walk->medium.number;
     if (is_inner(sample->setup, start, walk->medium.number)) {
+        vertex->came_within = true;
         walk->length--;
         walk->within++;
     }
@@ -92,7 +93,7 @@ void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
     vertex->kind = hit ? VERTEX_SURFACE : VERTEX_SKY;
     vertex->mode = walk->mode;
     vertex->depth = ++walk->depth;
-    vertex->bounds = false;
+    vertex->came_within = vertex->bounds = false;
     walk->length++;
     vertex->first = !walk->scattered;
     vertex->media[0] = vertex->media[1] = 0;

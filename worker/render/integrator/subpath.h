@@ -118,12 +118,14 @@ static inline float first_light_count(const setup_t *setup, uint32_t light)
 /* Eye vertices choose whom of a whole block's light vertices they are joined to (light_pool.h), which makes s
  * >= 2, t >= 2 far better than one random light vertex would be. */
 static const float inner_worth = 16;
+/* Those within a body are not: many vertices lie side by side, and few of them are joined (vertex_joins). */
+static const float body_worth = 1;
 
 /* How many the strategy that joins the vertex to the one before it counts as: `last` where that is vertex 0,
  * which makes it t = 1 of an eye subpath, s = 1 of a light subpath. */
 static inline float strategy_count(const vertex_t *vertex, float last)
 {
-    return vertex->depth == 1 ? last : inner_worth;
+    return vertex->depth == 1 ? last : vertex->came_within ? body_worth : inner_worth;
 }
 
 /* The eye subpath of the sample. Settles the sample's weight: where that is 0 nothing is to be seen. */

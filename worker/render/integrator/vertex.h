@@ -23,6 +23,7 @@ typedef struct {
     transport_t mode;    /* of its subpath */
     int depth;           /* i */
     int length, within;  /* as in walk_t */
+    bool came_within;    /* the segment before it lies in a body */
     bool bounds;         /* it lies in a body, or on what parts one from other media */
     bool first;          /* nothing but mirrors and clear glass lies between it and the subpath's start */
     uint32_t dimension;  /* where its random numbers begin */
