@@ -119,7 +119,7 @@ static inline float first_light_count(const setup_t *setup, uint32_t light)
  * >= 2, t >= 2 far better than one random light vertex would be. */
 static const float inner_worth = 16;
 /* Those within a body are not: many vertices lie side by side, and few of them are joined (vertex_joins). */
-static const float body_worth = 1;
+static const float body_worth = 0.25f;
 
 /* How many the strategy that joins the vertex to the one before it counts as: `last` where that is vertex 0,
  * which makes it t = 1 of an eye subpath, s = 1 of a light subpath. */
@@ -269,11 +269,11 @@ static inline int light_segments(const setup_t *setup)
 }
 
 /* How often a vertex is joined to others, which counts the more then: a subpath has many in a body, which
- * bring little each. So there are about 8 log(within) of them. A function of the vertex; the chances of
- * strategies, as weights know them, are those without it. */
+ * bring little each, but for those on its surface. So there are about 8 log(within) of them. A function of the
+ * vertex; the chances of strategies, as weights know them, are those without it. */
 static inline float joining_chance(const vertex_t *vertex)
 {
-    const float surely = 8;
+    const float surely = vertex->kind == VERTEX_MEDIUM ? 8 : 64;
     return vertex->bounds && (float)vertex->within > surely ? surely / (float)vertex->within : 1;
 }
 
