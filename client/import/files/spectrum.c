@@ -394,3 +394,14 @@ rgb_t spectrum_blackbody(double kelvin, spectrum_rules_t rules)
     spectrum_free(&s);
     return rgb;
 }
+
+rgb_t spectrum_glow(double kelvin)
+{
+    if (!(kelvin > 0)) return vec3(0, 0, 0);
+    spectrum_t s = spectrum_of_blackbody(kelvin), d65;
+    triple_t white = d65_xyz(&d65), seen = xyz_of(&s, NULL);
+    spectrum_free(&d65);
+    spectrum_free(&s);
+    return clipped(
+        relative_to(rgb_from_xyz(seen), rgb_from_xyz(white), white.v[1] * SPECTRUM_LUMINANCE_OF_1));
+}

@@ -34,8 +34,6 @@ void material_measured(const shading_t *shading)
     rgb_t albedo = albedo_of(shading, table->albedo);
     lobe_t *lobe = shading_add(shading, &lobe_measured, albedo, v_max(albedo));
     if (lobe == NULL) return;
-    lobe->measured = (lobe_measured_t){.table = table,
-                                       .numbers = blob->numbers,
-                                       .waves = shading->waves,
-                                       .factor = reciprocal(albedo)};
+    lobe->measured = (lobe_measured_t){
+        .table = table, .numbers = blob->numbers, .waves = shading->waves, .factor = reciprocal(albedo)};
 }

@@ -58,14 +58,21 @@ float shading_number(const shading_t *shading, material_value_t value)
     return sane(value_at(shading, value).x, -LARGEST_VALUE);
 }
 
+rgb_t shading_root(const shading_t *shading, material_value_t value)
+{
+    rgb_t c = shading_colour(shading, value);
+    return vec3(sqrtf(float_min(c.x, 1)), sqrtf(float_min(c.y, 1)), sqrtf(float_min(c.z, 1)));
+}
+
 rgb_t shading_absorption_index(const shading_t *shading, material_value_t eta)
 {
     const blob_value_t *v = &shading->material->values[eta];
     rgb_t k = plain_colour(shading, VALUE_K), k2 = v_mul(k, k), one = {1, 1, 1};
-    bool made = shading->waves != NULL && v->texture == 0 && v->spectrum == 0 &&
-                v_is_zero(v_sub(v->factor, one));
+    bool made =
+        shading->waves != NULL && v->texture == 0 && v->spectrum == 0 && v_is_zero(v_sub(v->factor, one));
     if (!made) return shading_colour(shading, VALUE_K);
-    rgb_t r = waves_reflectance(shading->waves, vec3(k2.x / (4 + k2.x), k2.y / (4 + k2.y), k2.z / (4 + k2.z)));
+    rgb_t r =
+        waves_reflectance(shading->waves, vec3(k2.x / (4 + k2.x), k2.y / (4 + k2.y), k2.z / (4 + k2.z)));
     const float most = 0.9999f; /* as the importer has it */
     r = v_low(r, vec3(most, most, most));
     return vec3(2 * sqrtf(r.x / (1 - r.x)), 2 * sqrtf(r.y / (1 - r.y)), 2 * sqrtf(r.z / (1 - r.z)));

@@ -27,9 +27,11 @@ struct shading {
 rgb_t shading_colour(const shading_t *shading, material_value_t value);
 /* and this the luminance of the same. */
 float shading_luminance(const shading_t *shading, material_value_t value);
+/* The root of a colour that is at most 1. */
+rgb_t shading_root(const shading_t *shading, material_value_t value);
 float shading_number(const shading_t *shading, material_value_t value);
-/* The absorption index of a metal in each channel. Where its eta is 1 it was made of a reflectance r at normal
- * incidence, as k = 2 sqrt(r / (1 - r)): that is the colour then. */
+/* The absorption index of a metal in each channel. Where its eta is 1 it was made of a reflectance r at
+ * normal incidence, as k = 2 sqrt(r / (1 - r)): that is the colour then. */
 rgb_t shading_absorption_index(const shading_t *shading, material_value_t eta);
 /* The indices of refraction of a body in each channel, where they differ: those of a measured spectrum.
  * False: they do not, or not in RGB, or light is hardly refracted. */
