@@ -41,6 +41,7 @@ result_t scene_charge(scene_builder_t *scene, scene_amount_t what, uint64_t amou
         [SCENE_VERTICES] = {22, 64, "vertices", "do not let so many meshes share them"},
         [SCENE_TRIANGLES] = {26, 256, "triangles", "take fewer curved shapes or fewer levels of subdivision"},
         [SCENE_PIXELS] = {27, 512, "pixels", "let textures share their images"},
+        [SCENE_BRICKS] = {22, 64, "bricks of grids", "make them coarser, or cut off what is empty"},
     };
     uint64_t *sum = &scene->amounts[what], limit = ((uint64_t)1 << bounds[what].free_bits);
     limit += bounds[what].per_byte * scene->source_bytes;

@@ -17,7 +17,7 @@
 #include "common/scene/blob_builder.h"
 
 /* What a few bytes can ask for much of; see scene_charge. */
-typedef enum { SCENE_VERTICES, SCENE_TRIANGLES, SCENE_PIXELS, SCENE_AMOUNTS } scene_amount_t;
+typedef enum { SCENE_VERTICES, SCENE_TRIANGLES, SCENE_PIXELS, SCENE_BRICKS, SCENE_AMOUNTS } scene_amount_t;
 
 /* An image as somebody asked for it; see scene_images.h. Owned: key. */
 typedef struct {
@@ -54,7 +54,7 @@ void scene_end(scene_builder_t *scene);
 /* Counts what is about to be made. RESULT_INPUT beyond a bound that grows with source_bytes: small files can
  * ask for much, by many levels of subdivision, or many meshes that share the same bytes. `amount` is of
  * SCENE_VERTICES: vertices and indices to decode, 2^22 + 64 a byte; SCENE_TRIANGLES: 2^26 + 256 a byte;
- * SCENE_PIXELS: 2^27 + 512 a byte. */
+ * SCENE_PIXELS: 2^27 + 512 a byte; SCENE_BRICKS, of the boxes of grids: 2^22 + 64 a byte. */
 result_t scene_charge(scene_builder_t *scene, scene_amount_t what, uint64_t amount, position_t at);
 
 /* Counts the bytes of a file of the scene that is opened by its path; returns them, 0 where it is missing. */
