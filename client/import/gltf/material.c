@@ -201,7 +201,7 @@ static result_t transmission(maker_t *m)
 static double single_albedo(double colour, double g)
 {
     double s = 4.09712 + 4.20863 * colour - sqrt(9.59217 + 41.6808 * colour + 17.7126 * colour * colour);
-    return fmin(fmax((1 - s * s) / (1 - g * s * s), 0), 1);
+    return colour > 0 ? fmin((1 - s * s) / (1 - g * s * s), 1) : 0; /* which the fit misses */
 }
 
 /* KHR_materials_volume_scatter: a part of what the volume absorbs it scatters. Then it is a medium, and not
