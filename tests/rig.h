@@ -28,7 +28,7 @@ typedef struct {
 #ifdef __SANITIZE_THREAD__
 #define RIG_SPP "64"
 #else
-#define RIG_SPP "384"
+#define RIG_SPP "192"
 #endif
 /* What the tests render: seed-hidden, small, a few seconds of two cores. */
 job_settings_t rig_settings(void);

@@ -12,7 +12,7 @@
 
 #include <cmocka.h>
 
-enum { DRAWS = 200000, ROWS = 20, COLUMNS = 40, CELLS = ROWS * COLUMNS, FINE = 12 };
+enum { DRAWS = 120000, ROWS = 20, COLUMNS = 40, CELLS = ROWS * COLUMNS, FINE = 12 };
 
 void scattering_begin(scattering_t *scattering, blob_material_t material)
 {

@@ -388,7 +388,8 @@ typedef enum {
 typedef enum {
     MATERIAL_DIFFUSE = 1,          /* [REFLECTANCE, SIGMA]: Lambert, or Oren-Nayar where sigma is not 0 */
     MATERIAL_MIRROR,               /* [REFLECTANCE] */
-    MATERIAL_DIELECTRIC,           /* [REFLECTANCE, TRANSMITTANCE, ETA, ROUGHNESS]; THIN: a pane */
+    MATERIAL_DIELECTRIC,           /* [REFLECTANCE, TRANSMITTANCE, ETA, ROUGHNESS]; THIN: a pane;
+                                      TINTED_BODY: [ALBEDO] */
     MATERIAL_CONDUCTOR,            /* [REFLECTANCE, ETA, K, ROUGHNESS] */
     MATERIAL_PLASTIC,              /* pbrt-v3's [REFLECTANCE, SPECULAR, ROUGHNESS] */
     MATERIAL_UBER,                 /* pbrt-v3's [REFLECTANCE, SPECULAR, MIRROR, TRANSMITTANCE, OPACITY, ETA,
@@ -398,7 +399,7 @@ typedef enum {
     MATERIAL_MIX,                  /* [AMOUNT] of parts[1], the rest of parts[0] */
     MATERIAL_DISNEY,               /* pbrt-v3's [REFLECTANCE, METALLIC, ETA, ROUGHNESS_U, SPECULAR_TINT,
                                       ANISOTROPIC, SHEEN, SHEEN_TINT, CLEARCOAT, CLEARCOAT_GLOSS, TRANSMISSION,
-                                      FLATNESS, DIFFUSE_TRANSMISSION]; THIN */
+                                      FLATNESS, DIFFUSE_TRANSMISSION]; THIN; TINTED_BODY: [ALBEDO] */
     MATERIAL_COATED_DIFFUSE,       /* pbrt-v4's [REFLECTANCE, ETA, ROUGHNESS, THICKNESS, ALBEDO, G]; TINTED */
     MATERIAL_COATED_CONDUCTOR,     /* pbrt-v4's [ETA, ROUGHNESS, THICKNESS, ALBEDO, G, BASE_ETA, K,
                                       BASE_ROUGHNESS]; TINTED */
@@ -431,7 +432,11 @@ enum {
     MATERIAL_COAT_NORMAL = 64, /* the coat has a normal of its own: that of the surface, turned by the
                                   coat_normal_map where there is one */
     MATERIAL_DYED = 256,       /* hair absorbs so that many of them together have the colour REFLECTANCE */
-    MATERIAL_TINTED = 128,     /* SPECULAR is a factor on what the coat of a coated material reflects */
+    MATERIAL_TINTED_BODY =
+        512,               /* of a dielectric or Disney's with a body: ALBEDO is the colour of what is below
+                              the surface over that of the body; the interface lets its root pass, both
+                              ways. Disney's has an interface then, in the place of its diffuse part */
+    MATERIAL_TINTED = 128, /* SPECULAR is a factor on what the coat of a coated material reflects */
     MATERIAL_ALPHA_V3 = 16 /* alphas as pbrt-v3 bounds them: smooth is only a dielectric whose roughness is 0
                               in both axes; else they are at least 1e-3. REMAP_V3 implies it */
 };
@@ -442,6 +447,9 @@ typedef struct {
     uint32_t flags;
     uint32_t parts[2];          /* of a mix: materials before this one */
     uint32_t table;             /* of a material that is one; else 0 */
+    blob_ref_t body;            /* 0, or the medium below the surface: subsurface scattering. Its shapes are
+                                   SHAPE_INTERFACE and have it inside. Paths through it may be longer than
+                                   through other media (docs/renderer.md) */
     blob_ref_t normal_map;      /* texture whose value 2 v - 1 is the normal along (dp/du, dp/dv, n) */
     float normal_scale;         /* of its x and y */
     blob_ref_t bump;            /* texture of a displacement along the normal, which turns the normal alone */

@@ -103,7 +103,8 @@ static void a_worker_sent_away_leaves_its_work(void **state)
     pid_t worker = rig_start_worker(rig);
     job_settings_t settings = rig_settings();
     uint64_t job = rig_submit(rig, &settings);
-    rig_sleep(1.5);
+    rig_wait_output(rig, worker, "counted after");
+    rig_sleep(0.5);
     uint64_t before = rig_status(rig, job).samples_done;
     kill(worker, SIGTERM);
     assert_int_equal(rig_wait_exit(rig, worker, 30), 0);
@@ -205,7 +206,7 @@ static void time_ends_a_job(void **state)
 static void a_client_sees_the_end_of_its_master(void **state)
 {
     rig_t *rig = *state;
-    rig_start_master(rig, BATCH_INTERVAL); /* with a client whose time-out is 20 s */
+    rig_start_master(rig, BATCH_INTERVAL); /* with a client whose time-out is a minute */
     kill(rig->master, SIGSTOP);
     assert_int_equal(waitpid(rig->master, NULL, WUNTRACED), rig->master); /* not a thread of it answers */
     pid_t killer = fork();

@@ -23,7 +23,7 @@
 
 enum { HEADER_BYTES = 9, FLOODERS = 4, SOCKETS = 4, MAX_BEATS = 2000 };
 static const double LEASE = 5;    /* seconds: the default */
-static const double PHASE = 2.5;  /* seconds of each flood */
+static const double PHASE = 1.5;  /* seconds of each flood */
 static const double PAUSE = 0.01; /* seconds between heartbeats */
 
 /* ---- flooding -------------------------------------------------------------------------------------------

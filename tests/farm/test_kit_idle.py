@@ -19,7 +19,7 @@ from kit.worker import Idlers  # noqa: E402
 class Idle(Case):
     def test_idle_identities_delay_a_job_by_a_lease_and_a_tenth(self):
         lease, slack = 2, 1  # seconds; what Python itself takes of two cores, and the noise of the clock
-        settings = client.settings(spp=256)
+        settings = client.settings(spp=128)
         farm = self.farm("--lease", str(lease))
         fingerprint = farm.fingerprint()
         farm.start_worker()

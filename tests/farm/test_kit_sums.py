@@ -17,7 +17,7 @@ from kit.farm import Case, Programs, main, wait_for  # noqa: E402
 
 class Sums(Case):
     def test_sums_that_no_light_makes_condemn_their_sender(self):
-        settings = client.settings(spp=128)
+        settings = client.settings(spp=64)
         told = [lies.overflow, lies.claimed_overflow, lies.poison, lies.splat_poison, lies.negative]
         farm = self.farm(names=["honest", *(lie.__name__ for lie in told)])
         farm.start_worker()

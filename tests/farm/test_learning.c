@@ -100,7 +100,7 @@ static void checks_agree(void **state)
     for (int i = 0; i < 2; i++) rig_start_worker(rig);
     rig_wait_workers(rig, 2);
     job_settings_t settings = rig_settings();
-    uint64_t job = rig_submit_on(rig, &settings, &(job_terms_t){.name = "test", .verify = 0.5});
+    uint64_t job = rig_submit_on(rig, &settings, &(job_terms_t){.name = "test", .verify = 0.3});
     assert_reference(rig, job);
     wire_message_t message;
     assert_int_equal(remote_status(rig->remote, job, &message).code, RESULT_OK);

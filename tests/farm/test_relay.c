@@ -100,10 +100,11 @@ static void nobody_can_tell_from_the_image(void **state)
     start_relay(rig, rig->port, &port);
     for (int i = 0; i < 3; i++) start_worker(rig, port);
     rig_wait_workers(rig, 1); /* for the master it is one */
-    uint64_t job = submit(rig);
-    assert_reference(rig, job);
-    uint64_t second = submit(rig);
-    assert_reference(rig, second);
+    job_settings_t other = rig_settings();
+    other.seed++;
+    other.spp = 32;
+    assert_int_equal(rig_wait_job(rig, rig_submit(rig, &other)).state, JOB_DONE);
+    assert_reference(rig, submit(rig)); /* nothing of the one before is in it */
 }
 
 static void workers_beside_and_below_share_a_job(void **state)

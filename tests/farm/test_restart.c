@@ -112,13 +112,12 @@ static void wait_generations(restart_t *t, int wanted)
     }
 }
 
-/* A master, two workers, and a job of which something is counted. */
-static uint64_t begin_job(restart_t *t)
+/* A master, so many workers, and a job of which something is counted. */
+static uint64_t begin_job(restart_t *t, uint32_t workers)
 {
     start_master(t);
-    rig_start_worker(t->rig);
-    rig_start_worker(t->rig);
-    rig_wait_workers(t->rig, 2);
+    for (uint32_t i = 0; i < workers; i++) rig_start_worker(t->rig);
+    rig_wait_workers(t->rig, workers);
     job_settings_t settings = rig_settings();
     uint64_t job = rig_submit(t->rig, &settings);
     rig_wait_samples(t->rig, job, samples_of(&settings) / 10);
@@ -145,7 +144,7 @@ static void wait_for_writing(restart_t *t)
 static void a_master_killed_at_any_moment_loses_nothing(void **state)
 {
     restart_t *t = *state;
-    uint64_t job = begin_job(t);
+    uint64_t job = begin_job(t, 2);
     uint64_t random = 4711;
     for (int kills = 0; kills < 8 && !job_state_final(rig_status(t->rig, job).state); kills++) {
         random = random * 6364136223846793005u + 1442695040888963407u;
@@ -162,7 +161,7 @@ static void a_master_killed_at_any_moment_loses_nothing(void **state)
 static void many_kills_in_a_row_cost_no_more_than_one(void **state)
 {
     restart_t *t = *state;
-    uint64_t job = begin_job(t);
+    uint64_t job = begin_job(t, 1);
     wait_generations(t, 1);
     uint64_t done = rig_status(t->rig, job).samples_done;
     for (int i = 0; i < 4; i++) restart_master(t);
@@ -290,7 +289,7 @@ static void a_damaged_checkpoint_costs_one_generation(void **state)
 {
     restart_t *t = *state;
     unsigned found[8];
-    uint64_t job = begin_job(t);
+    uint64_t job = begin_job(t, 1);
     wait_generations(t, 2);
     rig_kill_master(t->rig);
     assert_int_equal(generations(t, found), 2);
@@ -308,7 +307,7 @@ static void without_any_good_checkpoint_the_job_begins_anew(void **state)
 {
     restart_t *t = *state;
     unsigned found[8];
-    uint64_t job = begin_job(t);
+    uint64_t job = begin_job(t, 1);
     wait_generations(t, 1);
     rig_kill_master(t->rig);
     for (int i = generations(t, found) - 1; i >= 0; i--) damage_generation(t, found[i]);
@@ -321,7 +320,7 @@ static void without_any_good_checkpoint_the_job_begins_anew(void **state)
 static void a_damaged_journal_is_rebuilt(void **state)
 {
     restart_t *t = *state;
-    uint64_t job = begin_job(t);
+    uint64_t job = begin_job(t, 1);
     wait_generations(t, 1);
     rig_kill_master(t->rig);
     char *path = scratch_path(t->data, "lightmill.db"), *log = scratch_path(t->data, "lightmill.db-wal");
@@ -369,7 +368,7 @@ static void bring_scene_back(restart_t *t, uint64_t job)
 static void a_lost_scene_pauses_its_job(void **state)
 {
     restart_t *t = *state;
-    uint64_t job = begin_job(t);
+    uint64_t job = begin_job(t, 1);
     wait_generations(t, 1);
     rig_kill_master(t->rig);
     char *path = scene_path(t);
@@ -387,7 +386,7 @@ static void a_lost_scene_pauses_its_job(void **state)
 static void a_damaged_scene_pauses_its_job(void **state)
 {
     restart_t *t = *state;
-    uint64_t job = begin_job(t);
+    uint64_t job = begin_job(t, 1);
     wait_generations(t, 1);
     rig_kill_master(t->rig);
     char *path = scene_path(t);
@@ -437,7 +436,7 @@ static void a_full_disk_pauses_and_loses_nothing(void **state)
 {
     restart_t *t = *state;
     if (!mount_small(t, "8m")) return;
-    uint64_t job = begin_job(t);
+    uint64_t job = begin_job(t, 1);
     wait_generations(t, 1);
     fill_disk(t);
     rig_wait_output(t->rig, t->rig->master, "CHECKPOINTS PAUSE");
@@ -473,7 +472,7 @@ static void a_kill_on_a_full_disk_costs_one_interval(void **state)
 {
     restart_t *t = *state;
     if (!mount_small(t, "8m")) return;
-    uint64_t job = begin_job(t);
+    uint64_t job = begin_job(t, 1);
     wait_generations(t, 1);
     fill_disk(t);
     rig_wait_output(t->rig, t->rig->master, "CHECKPOINTS PAUSE");
@@ -593,7 +592,7 @@ static void checkpoints_cost_little(void **state)
     rig_wait_samples(t->rig, job, 1);
     double start = clock_now();
     wait_generations(t, 2);
-    rig_sleep(4);
+    rig_sleep(2);
     double elapsed = clock_now() - start, busy = 0, seconds = 0;
     int count = 0;
     char *output = rig_output(t->rig, t->rig->master);

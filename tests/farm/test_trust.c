@@ -332,6 +332,7 @@ static void a_job_stays_with_machines_of_the_same_bits(void **state)
     rig_start_worker(rig);
     assert_reference(rig, job);
     /* A mixed job takes everybody, and tells. */
+    settings.spp /= 2;
     uint64_t mixed = rig_submit_on(rig, &settings, &(job_terms_t){.name = "mixed", .mixed = true});
     assert_int_equal(rig_wait_job(rig, mixed).state, JOB_DONE);
     assert_int_equal(rig_status(rig, mixed).workers_seen, 2);

@@ -136,11 +136,11 @@ static double tally_variance(const tally_t *tally, int tile)
     return (tally->square[tile] / tally->count - mean * mean) / (tally->count - 1);
 }
 
-/* A few long renders. */
-static tally_t tally_truth(const scene_blob_t *blob, job_settings_t settings)
+/* Eight long renders of so many samples. They need no more, in all, than the images that are held to them. */
+static tally_t tally_truth(const scene_blob_t *blob, job_settings_t settings, uint32_t spp)
 {
     tally_t truth = {0};
-    settings.spp = 1024;
+    settings.spp = spp;
     for (int seed = 1; seed <= 8; seed++) {
         settings.seed = (uint64_t)seed << 32;
         film_t *film = render_here(blob, &settings);
@@ -161,9 +161,10 @@ static void check_means(const char *name, const tally_t *means, const tally_t *t
 }
 
 /* The mean of adaptive images of 64 samples in three rounds. */
-static void check_bias(const scene_blob_t *blob, job_settings_t settings, int seeds, job_settings_t truth)
+static void check_bias(const scene_blob_t *blob, job_settings_t settings, int seeds, job_settings_t truth,
+                       uint32_t spp)
 {
-    tally_t adaptive = {0}, plain = tally_truth(blob, truth);
+    tally_t adaptive = {0}, plain = tally_truth(blob, truth, spp);
     settings.spp = 64;
     settings.adaptive = true;
     for (int seed = 1; seed <= seeds; seed++) {
@@ -186,8 +187,8 @@ static void adaptive_images_are_right_on_average(void **state)
 {
     (void)state;
     test_scene_t scene = lamp_scene(16, 0.35f, 0.04f, true);
-    check_bias(&scene.blob, one_strategy(&scene.blob, 0, 3), 400, one_strategy(&scene.blob, 1, 2));
-    check_bias(&scene.blob, one_strategy(&scene.blob, 0, 0), 20, one_strategy(&scene.blob, 0, 0));
+    check_bias(&scene.blob, one_strategy(&scene.blob, 0, 3), 400, one_strategy(&scene.blob, 1, 2), 128);
+    check_bias(&scene.blob, one_strategy(&scene.blob, 0, 0), 20, one_strategy(&scene.blob, 0, 0), 256);
     test_scene_end(&scene);
 }
 
@@ -210,7 +211,7 @@ static void images_that_learn_are_right_on_average(void **state)
         tally_add(&learned, film);
         film_destroy(&film);
     }
-    tally_t truth = tally_truth(&scene.blob, plain);
+    tally_t truth = tally_truth(&scene.blob, plain, 384);
     check_means("learned", &learned, &truth);
     test_scene_end(&scene);
 }
@@ -219,10 +220,10 @@ static void images_that_learn_are_right_on_average(void **state)
 static void adaptive_images_are_better(void **state)
 {
     (void)state;
-    enum { SIDE = 64, SEEDS = 3 };
+    enum { SIDE = 48, SEEDS = 2 };
     test_scene_t scene = lamp_scene(SIDE, 0.25f, 0.3f, false);
     job_settings_t settings = one_strategy(&scene.blob, 1, 2);
-    settings.spp = 1024;
+    settings.spp = 512;
     film_t *film = render_here(&scene.blob, &settings);
     estimate_image_t truth = reference_estimate(film);
     double error[2] = {0, 0};

@@ -57,7 +57,7 @@ static const char *only_scene;
     "Shape \"trianglemesh\" \"integer indices\" [0 2 1 1 2 3 4 5 6 5 7 6 0 1 4 1 5 4 2 6 3 3 6 7 0 4 2 2 4 " \
     "6 1 3 5 3 7 5] \"point P\" [-1 -1 -1 1 -1 -1 -1 1 -1 1 1 -1 -1 -1 1 1 -1 1 -1 1 1 1 1 1]\n"
 
-enum { BDPT = 1, PATH = 2, LIGHT = 4, ALL = 7 };
+enum { BDPT = 1, PATH = 2, LIGHT = 4, VCM = 8, PLAIN = BDPT | PATH | LIGHT, ALL = PLAIN | VCM };
 
 /* A scene that the integrators must agree on. */
 typedef struct {
@@ -66,19 +66,19 @@ typedef struct {
 } case_t;
 
 static const case_t cases[] = {
-    /* cameras */
+    /* cameras, which merging knows nothing of */
     {"orthographic",
      LOOK "Camera \"orthographic\" \"float screenwindow\" [-1.8 1.8 -1 2.6]\n" FILM3 BOX DEPTH5
           "WorldBegin\n" PLACE3 LAMP("12 11 9") END3,
-     ALL},
+     PLAIN},
     {"orthographic-sky",
      LOOK "Camera \"orthographic\" \"float screenwindow\" [-2.4 2.4 -1.4 3.4]\n" FILM3 BOX DEPTH5
           "WorldBegin\n" PLACE3 "LightSource \"infinite\" \"rgb L\" [1 0.8 0.6]\n" END3,
-     ALL},
+     PLAIN},
     {"orthographic-scaled",
      LOOK "Scale 2 2 2\nCamera \"orthographic\" \"float screenwindow\" [-2.4 2.4 -1.4 3.4]\n" FILM3 BOX DEPTH5
           "WorldBegin\n" PLACE3 LAMP("12 11 9") END3,
-     ALL},
+     PLAIN},
     {"environment",
      "LookAt 0 1.2 -1  0.3 1 0  0.1 1 0\nCamera \"environment\"\n" FILM3 BOX DEPTH5
      "WorldBegin\n" PLACE3 LAMP("12 11 9") END3,
@@ -87,33 +87,33 @@ static const case_t cases[] = {
      "LookAt 0 1.2 -1  0.3 1 0  0.1 1 0\nCamera \"environment\"\n" FILM3
      "PixelFilter \"gaussian\" \"float xwidth\" [3] \"float ywidth\" [3] \"float alpha\" [0.3]\n" DEPTH5
      "WorldBegin\n" PLACE3 LAMP("12 11 9") END3,
-     ALL},
+     PLAIN},
     {"equal-area",
      "LookAt 0 1.2 -1  0.3 1 0  0.1 1 0\nCamera \"spherical\"\n" FILM4 BOX4 DEPTH5
      "WorldBegin\n" PLACE4 LAMP("12 11 9"),
-     ALL},
+     PLAIN},
     {"equal-area-gaussian",
      "LookAt 0 1.2 -1  0.3 1 0  0.1 1 0\nCamera \"spherical\"\n" FILM4
      "PixelFilter \"gaussian\" \"float xradius\" [3] \"float yradius\" [3] \"float sigma\" [1]\n" DEPTH5
      "WorldBegin\n" PLACE4 LAMP("12 11 9"),
-     ALL},
+     PLAIN},
     {"lens",
      LOOK "Camera \"perspective\" \"float fov\" [40] \"float lensradius\" [0.4] \"float focaldistance\" "
           "[4]\n" FILM3 BOX DEPTH5 "WorldBegin\n" PLACE3 LAMP("12 11 9") END3,
-     ALL},
+     PLAIN},
     {"lens-scaled",
      LOOK "Scale -2 2 2\nCamera \"perspective\" \"float fov\" [40] \"float lensradius\" [0.4] \"float "
           "focaldistance\" [4]\n" FILM3 BOX DEPTH5 "WorldBegin\n" PLACE3 LAMP("12 11 9") END3,
-     ALL},
+     PLAIN},
     {"camera-stretched",
      LOOK "Scale 1 1.7 1.3\nCamera \"perspective\" \"float fov\" [40]\n" FILM3 BOX DEPTH5
           "WorldBegin\n" PLACE3 LAMP("12 11 9") END3,
-     ALL},
+     PLAIN},
     {"camera-moves",
      LOOK "ActiveTransform EndTime\nTranslate 0.3 0.1 0.4\nRotate 8 0.2 1 0.4\nActiveTransform All\n"
           "Camera \"perspective\" \"float fov\" [40] \"float lensradius\" [0.1] \"float focaldistance\" "
           "[4]\n" FILM3 BOX DEPTH5 "WorldBegin\n" PLACE3 LAMP("12 11 9") END3,
-     ALL},
+     PLAIN},
     {"instance-moves",
      HEAD3 PLACE3
      "ObjectBegin \"thing\"\nTranslate 0 0 0\nScale 0.3 0.5 0.3\n" CUBE
@@ -123,20 +123,20 @@ static const case_t cases[] = {
      "AttributeBegin\nTranslate 0.8 1.5 0\nScale -0.7 0.7 0.7\nActiveTransform EndTime\nTranslate "
      "0.5 0.2 -0.4\nRotate 120 0 1 0.4\nActiveTransform All\nObjectInstance "
      "\"thing\"\nAttributeEnd\n" LAMP("12 11 9") END3,
-     ALL},
+     PLAIN},
     /* filters */
     {"mitchell",
-     PERSPECTIVE FILM3 "PixelFilter \"mitchell\"\n" DEPTH5 "WorldBegin\n" PLACE3 LAMP("12 11 9") END3, ALL},
+     PERSPECTIVE FILM3 "PixelFilter \"mitchell\"\n" DEPTH5 "WorldBegin\n" PLACE3 LAMP("12 11 9") END3, PLAIN},
     {"sinc", PERSPECTIVE FILM3 "PixelFilter \"sinc\"\n" DEPTH5 "WorldBegin\n" PLACE3 LAMP("12 11 9") END3,
-     ALL},
+     PLAIN},
     {"gaussian",
      PERSPECTIVE FILM3 "PixelFilter \"gaussian\" \"float xwidth\" [2.5] \"float ywidth\" [1.5]\n" DEPTH5
                        "WorldBegin\n" PLACE3 LAMP("12 11 9") END3,
-     ALL},
+     PLAIN},
     {"narrow",
      PERSPECTIVE FILM3 "PixelFilter \"triangle\" \"float xwidth\" [0.3] \"float ywidth\" [0.7]\n" DEPTH5
                        "WorldBegin\n" PLACE3 LAMP("12 11 9") END3,
-     ALL},
+     PLAIN},
     /* lights */
     {"disk-light",
      HEAD3 PLACE3 "AttributeBegin\nTranslate -0.4 2.5 0\nRotate 70 1 0 0\nScale 0.8 0.4 1\n"
@@ -296,7 +296,7 @@ static const case_t cases[] = {
      "Shape \"curve\" \"string type\" [\"ribbon\"] \"point P\" [-0.5 0.3 -0.8 0 2 -0.5 0.5 2 0 1.2 1.2 -0.6] "
      "\"normal N\" [0 0.3 -1 0.5 0.5 -1] \"float width\" [0.3]\n"
      "Translate -0.9 0.4 -0.9\nShape \"sphere\" \"float radius\" [0.3]\n" LAMP("12 11 9") END3,
-     BDPT | PATH},
+     BDPT | PATH | VCM},
     {"quadrics",
      HEAD3 STAGE("matte", "Kd") "Material \"plastic\" \"rgb Kd\" [0.3 0.4 0.2] \"float roughness\" [0.3]\n"
                                 "AttributeBegin\nTranslate -0.9 0.5 0\nRotate -60 1 0 0\nShape \"cylinder\" "
@@ -340,7 +340,7 @@ static const case_t cases[] = {
                                                     "[0.7 0.7 0.7]\nTranslate 0.5 1.5 0\nShape \"sphere\" "
                                                     "\"float radius\" [0.4]\nAttributeEnd\n" LAMP("12 11 9")
                                                         END3,
-     BDPT | PATH},
+     BDPT | PATH | VCM},
     {"fourier", /* from a table that is not reciprocal, and lets light through */
      HEAD3 STAGE("matte", "Kd") "Material \"fourier\" \"string bsdffile\" \"skewed.bsdf\"\n" BALL QUAD(
          "-1.4 0.2 -0.3  -0.2 0.2 -0.6  -0.1 1.6 -0.1  -1.3 1.6 0.2") LAMP("12 11 9") END3,
@@ -434,7 +434,7 @@ static bool agree(const char *what, const char *who, const estimate_image_t *ima
     limits.max_rms = 1.4; /* of 16 blocks */
     agreement_measure(image, reference, &agreement);
     double error, mean = mean_of(image, &error);
-    bool sharp = mean > 0 && error < 0.02 * mean, holds = agreement_holds(&agreement, &limits) && sharp;
+    bool sharp = mean > 0 && error < 0.025 * mean, holds = agreement_holds(&agreement, &limits) && sharp;
     print_message("%-24s %-5s mean %.4f, ratio %.4f %.4f %.4f, error %.4f, z rms %.2f max %.2f%s%s\n", what,
                   who, mean, agreement.mean_ratio[0], agreement.mean_ratio[1], agreement.mean_ratio[2],
                   error / mean, agreement.rms_z, agreement.max_z, holds ? "" : "  <-- differs",
@@ -445,18 +445,22 @@ static bool agree(const char *what, const char *who, const estimate_image_t *ima
 
 static bool check(const case_t *c)
 {
+    /* All others are held to path, whose noise must be known best. */
     estimate_image_t path = render(c->text, INTEGRATOR_PATH, 256),
-                     bdpt = render(c->text, INTEGRATOR_BDPT, 96), vcm = render_vcm(c, 96);
+                     bdpt = render(c->text, INTEGRATOR_BDPT, 48);
     bool holds = agree(c->name, "bdpt", &bdpt, &path);
-    holds = agree(c->name, "vcm", &vcm, &path) && holds;
+    if (c->integrators & VCM) {
+        estimate_image_t vcm = render_vcm(c, 64);
+        holds = agree(c->name, "vcm", &vcm, &path) && holds;
+        estimate_image_free(&vcm);
+    }
     if (c->integrators & LIGHT) {
-        estimate_image_t light = render(c->text, INTEGRATOR_LIGHT, 384);
+        estimate_image_t light = render(c->text, INTEGRATOR_LIGHT, 128);
         holds = agree(c->name, "light", &light, &path) && holds;
         estimate_image_free(&light);
     }
     estimate_image_free(&path);
     estimate_image_free(&bdpt);
-    estimate_image_free(&vcm);
     return holds;
 }
 
@@ -491,13 +495,13 @@ static estimate_image_t part_of(const estimate_image_t *whole, int x0, int y0, i
 
 static void check_crop(const char *name, const char *whole_text, const char *part_text)
 {
-    estimate_image_t whole = render(whole_text, INTEGRATOR_PATH, 192);
+    estimate_image_t whole = render(whole_text, INTEGRATOR_PATH, 96);
     assert_int_equal(whole.width, 64);
     assert_int_equal(whole.height, 48);
     estimate_image_t expected = part_of(&whole, 32, 16, 32, 24);
     bool holds = true;
     static const integrator_t integrators[] = {INTEGRATOR_PATH, INTEGRATOR_BDPT, INTEGRATOR_LIGHT};
-    static const uint32_t spp[] = {192, 96, 1024};
+    static const uint32_t spp[] = {96, 48, 512};
     for (size_t i = 0; i < ARRAY_LENGTH(integrators); i++) {
         estimate_image_t part = render(part_text, integrators[i], spp[i]);
         assert_int_equal(part.width, 32);
@@ -538,7 +542,7 @@ static void filters_keep_the_mean(void **state)
     double truth = 0, truth_error = 0;
     for (size_t i = 0; i < ARRAY_LENGTH(texts); i++)
         for (int k = 0; k < 2; k++) {
-            estimate_image_t image = render(texts[i], k == 0 ? INTEGRATOR_PATH : INTEGRATOR_BDPT, 256);
+            estimate_image_t image = render(texts[i], k == 0 ? INTEGRATOR_PATH : INTEGRATOR_BDPT, 128);
             double error, mean = mean_of(&image, &error);
             if (i == 0 && k == 0) truth = mean, truth_error = error;
             print_message("filter %zu: %.5f +- %.5f, box %.5f\n", i, mean, error, truth);
@@ -587,10 +591,10 @@ static void white_things_vanish(void **state)
                                 "[%d]\nWorldBegin\n%s%s" END3,
                                 cameras[i & 1], i == 3 ? 1 : 3, skies[i % 2], things[i]);
         for (int k = 0; k < 2; k++) {
-            estimate_image_t image = render(text, k == 0 ? INTEGRATOR_PATH : INTEGRATOR_BDPT, 64);
+            estimate_image_t image = render(text, k == 0 ? INTEGRATOR_PATH : INTEGRATOR_BDPT, 32);
             double error, mean = mean_of(&image, &error);
             print_message("thing %zu: %.5f +- %.5f\n", i, mean, error);
-            assert_true(error < 0.002);
+            assert_true(error < 0.003);
             assert_true(fabs(mean - 1) < 4.5 * error + 1e-5);
             estimate_image_free(&image);
         }
@@ -734,9 +738,9 @@ static void glass_absorbs(void **state)
     blob_material_t glass = glass_of(0.3f);
     glass.values[VALUE_ATTENUATION] = blob_colour_value(vec3(0.5f, 1, 2));
     test_scene_t scene = glass_scene(glass);
-    estimate_image_t path = render_blob(&scene.blob, INTEGRATOR_PATH, 512),
-                     bdpt = render_blob(&scene.blob, INTEGRATOR_BDPT, 128),
-                     light = render_blob(&scene.blob, INTEGRATOR_LIGHT, 512);
+    estimate_image_t path = render_blob(&scene.blob, INTEGRATOR_PATH, 256),
+                     bdpt = render_blob(&scene.blob, INTEGRATOR_BDPT, 64),
+                     light = render_blob(&scene.blob, INTEGRATOR_LIGHT, 256);
     size_t middle = 3 * (SIDE * SIDE / 2 + SIDE / 2);
     assert_true(path.mean[middle] > 2 * path.mean[middle + 2]);
     bool holds = agree("absorbing glass", "bdpt", &bdpt, &path);

@@ -84,11 +84,11 @@ static void check_furnace(double radius, int depth)
 {
     static const char scene[] =
         "LookAt 0.1 0.2 0  1 0 0.3  0 1 0\nCamera \"perspective\" \"float fov\" [60]\n"
-        "Film \"image\" \"integer xresolution\" [128] \"integer yresolution\" [128]\n"
+        "Film \"image\" \"integer xresolution\" [64] \"integer yresolution\" [64]\n"
         "PixelFilter \"box\" \"float xwidth\" [0.5] \"float ywidth\" [0.5]\nWorldBegin\n"
         "Material \"matte\" \"rgb Kd\" [0.6 0.6 0.6]\nReverseOrientation\n"
         "AreaLightSource \"diffuse\" \"rgb L\" [1 1 1]\nShape \"sphere\" \"float radius\" [1]\nWorldEnd\n";
-    wish_t wish = {.integrator = INTEGRATOR_VCM, .spp = 8, .radius = radius, .max_depth = depth};
+    wish_t wish = {.integrator = INTEGRATOR_VCM, .spp = 2, .radius = radius, .max_depth = depth};
     estimate_image_t image = render_text(scene, &wish);
     double error, mean = mean_of(&image, &error), truth = (1 - pow(0.6, depth + 1)) / 0.4;
     print_message("furnace, radius %g, depth %d: %.5f +- %.5f, expected %.5f\n", radius, depth, mean, error,
@@ -117,8 +117,8 @@ typedef struct {
 } reference_case_t;
 
 static const reference_case_t references[] = {
-    {"cornell", 64, 0.01},       {"seed-hidden", 64, 0.01}, {"caustic", 128, 0.004},
-    {"lights-delta", 128, 0.01}, {"materials", 64, 0.01},
+    {"cornell", 24, 0.01},      {"seed-hidden", 24, 0.01}, {"caustic", 48, 0.004},
+    {"lights-delta", 48, 0.01}, {"materials", 24, 0.01},
 };
 
 static bool check_reference(const reference_case_t *c)
@@ -160,7 +160,7 @@ static void the_error_falls_with_samples(void **state)
         estimate_image_t reference = reference_read(scenes[i]);
         double relmse[2];
         for (int k = 0; k < 2; k++) {
-            wish_t wish = {.integrator = INTEGRATOR_VCM, .spp = k == 0 ? 4 : 128};
+            wish_t wish = {.integrator = INTEGRATOR_VCM, .spp = k == 0 ? 2 : 48};
             estimate_image_t image = render(path, &wish);
             agreement_t agreement;
             agreement_measure(&image, &reference, &agreement);
@@ -201,9 +201,9 @@ static void a_pool_agrees_with_brute_force(void **state)
 {
     (void)state;
     char *text = pool_with_lamp(0.8);
-    wish_t force = {.integrator = INTEGRATOR_PATH, .spp = 4096, .side = 48},
-           merging = {.integrator = INTEGRATOR_VCM, .spp = 256, .side = 48, .radius = 0.08},
-           seeking = {.integrator = INTEGRATOR_BDPT, .spp = 512, .side = 48, .learn = true};
+    wish_t force = {.integrator = INTEGRATOR_PATH, .spp = 2048, .side = 48},
+           merging = {.integrator = INTEGRATOR_VCM, .spp = 128, .side = 48, .radius = 0.08},
+           seeking = {.integrator = INTEGRATOR_BDPT, .spp = 256, .side = 48, .learn = true};
     estimate_image_t truth = render_text(text, &force);
     for (int k = 0; k < 2; k++) {
         const wish_t *wish = k == 0 ? &merging : &seeking;
@@ -231,7 +231,7 @@ static void a_small_lamp_is_seen_through_water(void **state)
     (void)state;
     enum { FEW, MORE, JOINED, SOUGHT, WAYS };
     char *text = pool_with_lamp(0.05);
-    wish_t much = {.integrator = INTEGRATOR_VCM, .spp = 1024, .side = 32, .seed = 1};
+    wish_t much = {.integrator = INTEGRATOR_VCM, .spp = 512, .side = 32, .seed = 1};
     const wish_t wishes[WAYS] = {
         [FEW] = {.integrator = INTEGRATOR_VCM, .spp = 16, .side = 32},
         [MORE] = {.integrator = INTEGRATOR_VCM, .spp = 128, .side = 32},

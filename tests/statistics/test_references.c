@@ -17,7 +17,7 @@
 #include <cmocka.h>
 
 /* From the command line: the one scene that is to be rendered, or "all", by all integrators; NULL: all
- * scenes, by those that tell most a second. */
+ * scenes, by those that tell most a second, with half the samples. */
 static const char *wanted;
 
 /* Renders the scene file; the noise is what the film's two halves tell. */
@@ -49,7 +49,8 @@ typedef struct {
     uint32_t spp;
 } case_t;
 
-/* Sample counts at which the standard error of the image mean is below 0.3 %, the reference's included. A
+/* Sample counts at which the standard error of the image mean is below 0.3 %, the reference's included; below
+ * 0.45 % with half of them, which is still a bias of 2 %, and of a few percent of a block. A
  * path tracer meets the caustic too rarely for a test of seconds, sees no light through glass but by luck,
  * and in fog has specks where it comes close to the spot. */
 static const case_t cases[] = {
@@ -64,20 +65,14 @@ static const case_t cases[] = {
     {"seed-hidden", "scene-v4.pbrt", INTEGRATOR_BDPT, 64},
     {"seed-hidden", "seed-hidden.glb", INTEGRATOR_BDPT, 64},
     {"cornell", "scene.pbrt", INTEGRATOR_BDPT, 128},
-    {"cornell", "scene-v4.pbrt", INTEGRATOR_BDPT, 64},
     {"caustic", "scene.pbrt", INTEGRATOR_BDPT, 512},
-    {"caustic", "scene-v4.pbrt", INTEGRATOR_BDPT, 512},
-    {"lights-delta", "scene.pbrt", INTEGRATOR_BDPT, 128},
-    {"lights-delta", "scene.pbrt", INTEGRATOR_LIGHT, 512},
+    {"lights-delta", "scene.pbrt", INTEGRATOR_BDPT, 256},
     {"lights-delta", "scene-v4.pbrt", INTEGRATOR_BDPT, 64},
     {"lights-env", "scene.pbrt", INTEGRATOR_BDPT, 256},
-    {"lights-env", "scene.pbrt", INTEGRATOR_PATH, 512},
     {"materials", "scene.pbrt", INTEGRATOR_BDPT, 128},
-    {"materials", "scene.pbrt", INTEGRATOR_PATH, 512},
     {"textures", "scene.pbrt", INTEGRATOR_BDPT, 128},
     {"instances", "scene.pbrt", INTEGRATOR_BDPT, 128},
     {"lens", "scene.pbrt", INTEGRATOR_BDPT, 256},
-    {"lens", "scene.pbrt", INTEGRATOR_PATH, 512},
     {"fog", "scene.pbrt", INTEGRATOR_BDPT, 64},
     {"smoke", "scene.pbrt", INTEGRATOR_BDPT, 32},
     {"smoke", "scene.pbrt", INTEGRATOR_PATH, 32},
@@ -85,10 +80,17 @@ static const case_t cases[] = {
     {"fog-caustic", "scene.pbrt", INTEGRATOR_BDPT, 64},
 };
 
-/* Those that are only rendered where they are asked for: test_integrators says much the same. */
+/* Those that are only rendered where they are asked for: test_integrators says much the same, and
+ * test_import_pbrt that two of the twins are the same scenes. */
 static const case_t more_cases[] = {
     {"seed-diffuse", "scene.pbrt", INTEGRATOR_LIGHT, 256},
     {"seed-specular", "scene.pbrt", INTEGRATOR_PATH, 512},
+    {"cornell", "scene-v4.pbrt", INTEGRATOR_BDPT, 64},
+    {"caustic", "scene-v4.pbrt", INTEGRATOR_BDPT, 512},
+    {"lights-delta", "scene.pbrt", INTEGRATOR_LIGHT, 512},
+    {"lights-env", "scene.pbrt", INTEGRATOR_PATH, 512},
+    {"materials", "scene.pbrt", INTEGRATOR_PATH, 512},
+    {"lens", "scene.pbrt", INTEGRATOR_PATH, 512},
     {"seed-hidden", "scene.pbrt", INTEGRATOR_PATH, 256},
     {"cornell", "scene.pbrt", INTEGRATOR_PATH, 256},
     {"cornell", "scene.pbrt", INTEGRATOR_LIGHT, 256},
@@ -129,9 +131,11 @@ static bool check(const case_t *c)
     agreement_t agreement;
     agreement_limits_t limits = agreement_default_limits();
     agreement_measure(&image, &reference, &agreement);
-    double error = mean_error(&image, &reference), most_error = 0.003;
+    double error = mean_error(&image, &reference), most_error = wanted ? 0.003 : 0.0045;
+    /* With fewer samples two halves know the noise of blocks with specks worse. */
+    if (!wanted) limits.max_z = 8;
     /* Of light that goes through glass into haze and back through glass, which makes bright dots. */
-    if (strcmp(c->scene, "fog-caustic") == 0) most_error = 0.015;
+    if (strcmp(c->scene, "fog-caustic") == 0) most_error = wanted ? 0.015 : 0.022;
     /* To a path tracer caustics behind a mirror are specks, so few and so bright that two halves know the
      * noise of a block badly. */
     if (strcmp(c->scene, "seed-specular") == 0 && c->integrator == INTEGRATOR_PATH) limits.max_z = 10;
@@ -155,7 +159,7 @@ static int check_some(const case_t *some, size_t count, size_t first, size_t ste
     for (size_t i = first; i < count; i += step) {
         case_t c = some[i];
         if (SPARSER > 1 && c.integrator != INTEGRATOR_BDPT) continue;
-        c.spp /= SPARSER;
+        c.spp /= SPARSER > 1 ? SPARSER : wanted ? 1 : 2;
         if (wanted == NULL || strcmp(wanted, "all") == 0 || strcmp(wanted, c.scene) == 0)
             differing += !check(&c);
     }
@@ -193,7 +197,7 @@ static void disagreement_shows(void **state)
 {
     (void)state;
     estimate_image_t reference = reference_read("cornell");
-    estimate_image_t image = render("scenes/cornell/scene.pbrt", INTEGRATOR_PATH, 256);
+    estimate_image_t image = render("scenes/cornell/scene.pbrt", INTEGRATOR_PATH, 192);
     agreement_limits_t limits = agreement_default_limits();
     agreement_t agreement;
     size_t values = 3 * (size_t)image.width * (size_t)image.height;

@@ -1,6 +1,8 @@
 /* scene_builder: see scene_builder.h. */
 #include "client/import/scene/scene_builder.h"
 
+#include "client/import/scene/bodies.h"
+
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
@@ -193,6 +195,7 @@ result_t scene_place_camera(blob_scene_t *record, const affine_t *open, const af
 result_t scene_finish(scene_builder_t *scene, const blob_scene_t *record, position_t at)
 {
     TRY(scene_check_textures(scene, at));
+    scene_settle_media(scene, at);
     for (size_t i = 0; i < scene->object_count; ++i) {
         const struct scene_object *object = &scene->objects[i];
         blob_object_t laid = {.shape_count = (uint32_t)object->count};

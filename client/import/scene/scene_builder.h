@@ -62,10 +62,15 @@ uint64_t scene_count_file(scene_builder_t *scene, const char *path);
 
 /* ---- objects and shapes -------------------------------------------------------------------------------- */
 
+/* Of blob_shape_t.flags, up to scene_finish: the inside is where the normal points. */
+enum { SCENE_INSIDE_OUT = 1u << 31 };
+
 /* A new, empty object. */
 uint32_t scene_add_object(scene_builder_t *scene);
 /* Adds a shape to an object, 0 for the world; the object after the last is made. `light`, or NULL, is what a
- * shape of the world emits. `shape` has everything but its light, `light` everything but its shape. */
+ * shape of the world emits. `shape` has everything but its light, `light` everything but its shape. `media`
+ * may be there without SHAPE_INTERFACE: they count where the shape's material has a body, which then takes
+ * the place of the one inside. */
 void scene_add_shape(scene_builder_t *scene, uint32_t object, blob_shape_t shape, const blob_light_t *light);
 /* The shapes of an object so far, writable, valid until one is added to it. */
 blob_shape_t *scene_shapes(const scene_builder_t *scene, uint32_t object, size_t *count);

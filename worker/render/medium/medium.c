@@ -11,7 +11,7 @@ typedef struct {
     float most; /* of the extinction, by channel, over the density's bound */
     float mean; /* of the scattering */
     float g;
-    bool emits;
+    bool emits, is_body;
     density_t *density; /* NULL: 1 everywhere */
     bool tinted;        /* the density has bounds alone; a place has the tints: */
     field_t absorption_tint, scattering_tint, emission_tint, temperature;
@@ -21,6 +21,7 @@ typedef struct {
 
 struct media {
     uint32_t count;
+    bool has_bodies;
     matter_t matter[]; /* [count] */
 };
 
@@ -78,6 +79,9 @@ media_t *media_new(const scene_blob_t *blob, bool empty)
     media_t *media = mem_zalloc(1, sizeof *media + count * sizeof(matter_t));
     media->count = count;
     for (uint32_t i = 0; i < count && !empty; i++) prepare(blob, &blob->media[i], &media->matter[i]);
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_MATERIALS] && !empty; i++)
+        if (blob->materials[i].body != 0)
+            media->has_bodies = media->matter[blob->materials[i].body - 1].is_body = true;
     return media;
 }
 
@@ -93,6 +97,16 @@ void media_destroy(media_t **media)
 bool media_emits(const media_t *media, blob_ref_t medium)
 {
     return medium != 0 && media->matter[medium - 1].emits;
+}
+
+bool media_is_body(const media_t *media, blob_ref_t medium)
+{
+    return medium != 0 && media->matter[medium - 1].is_body;
+}
+
+bool media_has_bodies(const media_t *media)
+{
+    return media != NULL && media->has_bodies;
 }
 
 /* ---- numbers ------------------------------------------------------------------------------------------- */

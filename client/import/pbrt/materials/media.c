@@ -305,10 +305,13 @@ static result_t place_camera(pbrt_t *p, position_t at)
 result_t pbrt_finish_media(pbrt_t *p, position_t at)
 {
     TRY(place_camera(p, at));
-    for (size_t i = 0; i < p->medium_count; ++i)
+    bool made = false;
+    for (size_t i = 0; i < p->medium_count; ++i) {
         if (p->media[i].awaited && p->media[i].record == 0) TRY(refuse(p, &p->media[i]));
+        made = made || p->media[i].record != 0;
+    }
     settle_all(p);
-    if (!p->knows_media && blob_builder_count(p->builder->blob, BLOB_SECTION_MEDIA) > 0)
+    if (!p->knows_media && made)
         report_warning(p->report, p->integrator_at.line ? p->integrator_at : at,
                        "the scene has media, which pbrt's integrator does not show; here they are shown, as "
                        "by \"volpath\"");
