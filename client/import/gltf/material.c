@@ -209,7 +209,7 @@ static double single_albedo(double colour, double g)
 static result_t scattering(maker_t *m, const item_t *extension, const double loss[3])
 {
     double colour[3] = {0, 0, 0}, g = 0;
-    blob_medium_t medium = {.world_from_grid = xform_identity()};
+    blob_medium_t medium = {0};
     TRY(item_numbers(extension, "multiscatterColor", 3, 0, 1, colour, NULL));
     TRY(item_number(extension, "scatterAnisotropy", -0.999, 0.999, &g));
     for (int i = 0; i < 3; ++i) {

@@ -57,7 +57,6 @@ static result_t set_body(pbrt_t *p, position_t at, rgb_t absorption, rgb_t scatt
                         largest);
     p->body.absorption = absorption;
     p->body.scattering = scattering;
-    p->body.world_from_grid = xform_identity();
     p->has_body = true;
     return result_ok();
 }
