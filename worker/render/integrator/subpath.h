@@ -269,16 +269,16 @@ static inline int light_segments(const setup_t *setup)
 }
 
 /* How often a vertex is joined to others, which counts the more then: a subpath has many in a body, which
- * bring little each, but for those on its surface. So there are about 8 log(within) of them. A function of the
- * vertex; the chances of strategies, as weights know them, are those without it. */
+ * bring little each, but for those on its surface. So there are about 8 log(within) of them. A function of
+ * the vertex; the chances of strategies, as weights know them, are those without it. */
 static inline float joining_chance(const vertex_t *vertex)
 {
     const float surely = vertex->kind == VERTEX_MEDIUM ? 8 : 64;
     return vertex->bounds && (float)vertex->within > surely ? surely / (float)vertex->within : 1;
 }
 
-/* Whether it is, by the numbers of the sample; *throughput, the vertex's, is then raised to what it counts for
- * this. */
+/* Whether it is, by the numbers of the sample; *throughput, the vertex's, is then raised to what it counts
+ * for this. */
 static inline bool vertex_joins(const vertex_t *vertex, const sample_t *sample, rgb_t *throughput)
 {
     float chance = joining_chance(vertex);
