@@ -293,8 +293,8 @@ static inline float joining_chance(const vertex_t *vertex)
     return vertex->bounds && (float)vertex->within > surely ? surely / (float)vertex->within : 1;
 }
 
-/* Whether it is, by the numbers of the sample; *throughput, the vertex's, is then changed to what it counts
- * for this: more where others are not joined, half at the end of either of two flights. */
+/* Whether it is, by the numbers of the sample; *throughput, the vertex's, is then raised to what it counts
+ * for this. */
 static inline bool vertex_joins(const vertex_t *vertex, const sample_t *sample, rgb_t *throughput)
 {
     float chance = joining_chance(vertex);
