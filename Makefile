@@ -12,7 +12,7 @@ Q       := $(if $(V),,@)
 BASELINE := -march=x86-64-v3 -mtune=skylake -ffp-contract=off -fno-math-errno -fno-trapping-math
 WARNINGS := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla
 PACKAGES := expat libmicrohttpd libzmq libprotobuf-c libsodium libzstd libpng zlib libturbojpeg libwebp draco OpenEXR jansson sqlite3 libcurl libmurmurhash
-ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos census check check-fast demo asan tsan fuzz chaos hostile valgrind container-check sim bench bench-plot bench-mesh bench-error references bench-environment bench-cycles bench-long bench-merge bench-farm bench-watch bench-link bench-large bench-textures bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
+ifneq ($(filter-out help clean deps deps-dev deps-test deps-chaos census check check-fast demo asan tsan fuzz chaos hostile valgrind container-check sim bench bench-plot bench-mesh bench-grids bench-error references bench-environment bench-cycles bench-long bench-merge bench-farm bench-watch bench-link bench-large bench-textures bench-codec format lint,$(or $(MAKECMDGOALS),all)),)
 PKG_CFLAGS := $(shell pkg-config --cflags $(PACKAGES) 2>/dev/null)
 ifneq ($(.SHELLSTATUS),0)
 $(error $(strip $(foreach package,$(PACKAGES),$(if $(shell pkg-config --exists $(package) && echo yes),,$(package)))) is missing: run make deps)
@@ -22,7 +22,7 @@ endif
 ALL_CFLAGS = -std=gnu17 -D_GNU_SOURCE $(BASELINE) $(WARNINGS) $(CFLAGS) $(SANITIZE) -I. -I$(BUILD) $(patsubst -I%,-isystem%,$(PKG_CFLAGS)) -pthread
 # C++ is for shims before libraries that have no C interface.
 ALL_CXXFLAGS = -std=gnu++17 -D_GNU_SOURCE $(BASELINE) -Wall -Wextra -Wshadow $(CFLAGS) $(SANITIZE) -fno-sanitize=vptr -I. $(patsubst -I%,-isystem%,$(PKG_CFLAGS)) -pthread
-ALL_LIBS   = $(LDFLAGS) -Wl,--as-needed $(PKG_LIBS) -lembree3 -lmeshoptimizer -lstdc++ -lm -pthread
+ALL_LIBS   = $(LDFLAGS) -Wl,--as-needed $(PKG_LIBS) -lembree3 -lmeshoptimizer -lblosc -lstdc++ -lm -pthread
 
 sources     = $(sort $(shell find $(1) \( -name '*.c' -o -name '*.cc' \) ! -name main.c))
 COMMON_SRC := $(call sources,common)
@@ -106,7 +106,7 @@ $(BUILD)/%.o: %.cc
 $(call archive,tests): $(call objects,$(wildcard tests/*.c tests/*.cc))
 $(BUILD)/tests/%: $(BUILD)/tests/%.o $(call archive,tests) $(LIBRARIES)
 	@echo "  link $@"
-	$(Q)$(CC) $(ALL_CFLAGS) -o $@ $(filter %.o,$^) $(filter %.a,$^) $(ALL_LIBS) $(EXTRA_LIBS) -lcmocka
+	$(Q)$(CC) $(ALL_CFLAGS) -o $@ $(filter %.o,$^) $(filter %.a,$^) $(ALL_LIBS) -lcmocka
 
 $(BUILD)/tests/unit/tests/test_corpus: $(call objects,$(wildcard tests/fuzz/*.c))
 $(BUILD)/tests/unit/tests/test_proxy $(BUILD)/tests/farm/test_links: $(call objects,tests/chaos/proxy.c tests/chaos/stream.c tests/chaos/zmtp.c)
@@ -285,6 +285,11 @@ bench-mesh: deps-test
 	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_mesh
 	$(BUILD)/tests/bench/bench_mesh
 
+# Time and memory that media in NanoVDB files of 500 x 500 x 500 voxels take: GRID=500 (docs/performance.md).
+bench-grids: deps-test
+	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_grids
+	$(BUILD)/tests/bench/bench_grids $(GRID)
+
 # What docs/convergence.md says of --error: about seven minutes on two cores; SEEDS=20 ERROR=0.01 SIZE=32 ADAPTIVE=1.
 bench-error: deps-test
 	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_error
@@ -343,7 +348,7 @@ bench-textures: deps-test
 
 # What docs/codec.md says of the alternatives to our payload coding.
 bench-codec: deps-dev
-	$(SUBMAKE) $(JOBS) EXTRA_LIBS=-lblosc $(BUILD)/tests/bench/bench_codec
+	$(SUBMAKE) $(JOBS) $(BUILD)/tests/bench/bench_codec
 	$(BUILD)/tests/bench/bench_codec
 
 # Builds the images with buildah and renders a job through them; as root, some minutes.
@@ -436,6 +441,7 @@ help:
 	@echo "make bench-plot   error against CPU time for four scenes: docs/performance.svg"
 	@echo "make references  every integrator against all reference images: ten minutes"
 	@echo "make bench-mesh   time and memory for a mesh of a million triangles"
+	@echo "make bench-grids  time and memory for media in NanoVDB files of 500^3 voxels"
 	@echo "make bench-error  jobs that end by --error: is it the error? SEEDS, ERROR, SIZE, ADAPTIVE"
 	@echo "make bench-long   what learning brings to long jobs: 45 minutes; SECONDS, SHORT, SEEDS, BUILDS, SCENES, FOLDER"
 	@echo "make bench-environment  --environment against a dome of triangles with the same image"
@@ -455,5 +461,5 @@ help:
 	@echo "make compdb     compile_commands.json for editors"
 	@echo "make clean      remove $(BUILD)/"
 
-.PHONY: all census check check-fast references bench bench-plot bench-mesh bench-error bench-environment bench-cycles bench-long bench-codec tests fast-tests run-tests asan tsan fuzz demo pictures deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm bench-watch bench-link bench-large bench-textures chaos chaos-programs hostile valgrind deps-test
+.PHONY: all census check check-fast references bench bench-plot bench-mesh bench-grids bench-error bench-environment bench-cycles bench-long bench-codec tests fast-tests run-tests asan tsan fuzz demo pictures deps deps-dev deps-chaos prometheus container-check install man uninstall format lint lint-files compdb clean help sim bench-merge bench-farm bench-watch bench-link bench-large bench-textures chaos chaos-programs hostile valgrind deps-test
 .SECONDARY:

@@ -26,7 +26,7 @@ worker/render/texture       : worker/render/sampling common/scene
 worker/render/scene         : worker/render/texture
 worker/render/bsdf          : worker/render/sampling common/scene
 worker/render/tabulated     : worker/render/bsdf
-worker/render/medium        : worker/render/bsdf
+worker/render/medium        : worker/render/bsdf worker/render/texture
 worker/render/material      : worker/render/tabulated worker/render/scene
 worker/render/camera        : worker/render/scene
 worker/render/light         : worker/render/scene
@@ -54,10 +54,11 @@ client/import/tessellate    : client/import/scene
 client/import/obj           : client/import/files
 client/import/mitsuba       : client/import/environment client/import/obj
 client/import/packed        : common
+client/import/volume        : client/import/scene client/import/packed
 client/import/gltf          : client/import/environment client/import/packed
 client/import/pbrt/syntax    : client/import/files
 client/import/pbrt/state     : client/import/pbrt/syntax
-client/import/pbrt/materials : client/import/pbrt/state
+client/import/pbrt/materials : client/import/pbrt/state client/import/volume
 client/import/pbrt/shapes    : client/import/pbrt/materials client/import/tessellate
 client/import/pbrt           : client/import/pbrt/shapes
 client/import               : client/import/pbrt client/import/gltf client/import/obj client/import/mitsuba client/import/environment

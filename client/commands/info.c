@@ -356,6 +356,18 @@ static void print_image_record(const scene_blob_t *blob, size_t index)
         printf(", gamma %g\n", (double)image->gamma);
 }
 
+/* What a medium's density, or its colours, lie in. */
+static void print_field(const blob_field_t *field)
+{
+    const uint32_t *n = field->cells;
+    if (field->kind == FIELD_CLOUD)
+        printf("  a cloud");
+    else if (field->kind == FIELD_BRICKS)
+        printf("  in %u x %u x %u cells, %u bricks", n[0], n[1], n[2], field->brick_count);
+    else
+        printf("  in %u x %u x %u cells", n[0], n[1], n[2]);
+}
+
 static void print_medium(const scene_blob_t *blob, size_t index)
 {
     const blob_medium_t *m = &blob->media[index];
@@ -364,7 +376,9 @@ static void print_medium(const scene_blob_t *blob, size_t index)
     print_rgb("scattering", m->scattering);
     if (!v_is_zero(m->emission)) print_rgb("emission", m->emission);
     printf("  g %g", (double)m->g + 0.0);
-    if (m->cells[0] != 0) printf("  in %u x %u x %u cells", m->cells[0], m->cells[1], m->cells[2]);
+    blob_ref_t box = m->density ? m->density : m->absorption_tint ? m->absorption_tint : m->scattering_tint;
+    if (box != 0) print_field(&blob->fields[box - 1]);
+    if (m->temperature != 0) printf("  glows by its temperature");
     print_name(blob, m->name);
 }
 

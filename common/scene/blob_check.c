@@ -408,6 +408,7 @@ static result_t check_materials(const scene_blob_t *blob)
         bool valid = is_one_of(m->kind, MATERIAL_DIFFUSE, MATERIAL_KIND_END) &&
                      m->name < blob->counts[BLOB_SECTION_STRINGS] && ref_is_valid(m->normal_map, textures) &&
                      ref_is_valid(m->bump, textures) && isfinite(m->normal_scale) &&
+                     ref_is_valid(m->body, blob->counts[BLOB_SECTION_MEDIA]) &&
                      ref_is_valid(m->coat_normal_map, textures) && isfinite(m->coat_normal_scale);
         for (int k = 0; k < MATERIAL_VALUES && valid; k++) valid = value_is_valid(&m->values[k], textures);
         if (valid && m->kind == MATERIAL_MIX) {

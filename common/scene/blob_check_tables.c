@@ -3,6 +3,8 @@
  * which follow one another, so that the checks are linear in the blob's size. */
 #include "common/scene/blob_layout.h"
 
+#include <string.h>
+
 /* As range_inside, for a range that follows others, which end at *next; moves this on. */
 static bool follows(uint32_t first, uint64_t count, uint64_t total, uint64_t *next)
 {
@@ -13,7 +15,7 @@ static bool follows(uint32_t first, uint64_t count, uint64_t total, uint64_t *ne
 
 /* Where the tables so far end. */
 typedef struct {
-    uint64_t number, series;
+    uint64_t number, series, brick;
 } ends_t;
 
 static result_t check_numbers(const scene_blob_t *blob)
@@ -165,20 +167,97 @@ static bool is_rate(rgb_t c)
     return c.x >= 0 && c.x <= largest && c.y >= 0 && c.y <= largest && c.z >= 0 && c.z <= largest;
 }
 
-static result_t check_density(const scene_blob_t *blob, const blob_medium_t *medium, ends_t *ends,
-                              unsigned long long id)
+static bool is_finite3(const float v[3])
 {
-    const uint32_t *n = medium->cells;
-    xform_t inverse;
+    const float largest = 1e9f;
+    return fabsf(v[0]) <= largest && fabsf(v[1]) <= largest && fabsf(v[2]) <= largest;
+}
+
+/* Which brick of its own lies in each brick of the grid. */
+static bool has_bricks(const scene_blob_t *blob, const blob_field_t *field, ends_t *ends)
+{
+    const uint32_t *n = field->cells;
+    if ((n[0] | n[1] | n[2]) % BLOB_BRICK_SIDE != 0) return false;
+    uint64_t count = (uint64_t)n[0] * n[1] * n[2] / BLOB_BRICK_CELLS;
+    if (!follows(field->first_brick, count, blob->counts[BLOB_SECTION_BRICKS], &ends->brick)) return false;
+    const uint32_t *bricks = blob->bricks + field->first_brick;
+    for (uint64_t i = 0; i < count; i++)
+        if (bricks[i] != BLOB_NONE && bricks[i] >= field->brick_count) return false;
+    return true;
+}
+
+static result_t check_cells(const scene_blob_t *blob, const blob_field_t *field, ends_t *ends,
+                            unsigned long long id)
+{
+    const uint32_t *n = field->cells;
     CHECK(n[0] > 0 && n[0] <= BLOB_MAX_GRID_SIDE && n[1] > 0 && n[1] <= BLOB_MAX_GRID_SIDE && n[2] > 0 &&
               n[2] <= BLOB_MAX_GRID_SIDE,
-          "medium %llu: its grid has %u x %u x %u cells", id, n[0], n[1], n[2]);
-    uint64_t cells = (uint64_t)n[0] * n[1] * n[2];
-    CHECK(follows(medium->first_density, cells, blob->counts[BLOB_SECTION_NUMBERS], &ends->number) &&
-              are_positive(blob->numbers + medium->first_density, cells),
-          "medium %llu: its densities lie outside the numbers, are another's, or are negative", id);
-    CHECK(xform_invert(&medium->world_from_grid, &inverse),
-          "medium %llu: the transform of its grid is singular or not finite", id);
+          "field %llu: its grid has %u x %u x %u cells", id, n[0], n[1], n[2]);
+    uint64_t numbers = (uint64_t)n[0] * n[1] * n[2] * field->channels;
+    if (field->kind == FIELD_BRICKS) {
+        CHECK(has_bricks(blob, field, ends), "field %llu: its bricks are not there, or are another's", id);
+        numbers = (uint64_t)field->brick_count * BLOB_BRICK_CELLS;
+    }
+    CHECK(follows(field->first, numbers, blob->counts[BLOB_SECTION_NUMBERS], &ends->number) &&
+              are_positive(blob->numbers + field->first, numbers),
+          "field %llu: its numbers lie outside the numbers, are another's, or are negative", id);
+    return result_ok();
+}
+
+static result_t check_field(const scene_blob_t *blob, const blob_field_t *field, ends_t *ends,
+                            unsigned long long id)
+{
+    xform_t inverse;
+    CHECK(field->kind >= FIELD_CELLS && field->kind <= FIELD_CLOUD, "field %llu: is of no known kind %u", id,
+          field->kind);
+    CHECK(field->channels == 1 || (field->channels == 3 && field->kind == FIELD_CELLS),
+          "field %llu: cannot have %u channels", id, field->channels);
+    CHECK(xform_invert(&field->world_from_field, &inverse),
+          "field %llu: its transform is singular or not finite", id);
+    const float *span = field->span, *parameters = field->parameters;
+    bool cloud = field->kind == FIELD_CLOUD;
+    const float least = cloud ? 1e-9f : 1, most = cloud ? 1e9f : BLOB_MAX_GRID_SIDE;
+    for (int i = 0; i < 3; i++)
+        CHECK(span[i] >= least && span[i] <= most, "field %llu: the span of its box is out of range", id);
+    CHECK(is_finite3(field->origin) && is_finite3(parameters) && (!cloud || parameters[0] >= 0),
+          "field %llu: a number is out of range", id);
+    return cloud ? result_ok() : check_cells(blob, field, ends, id);
+}
+
+static const blob_field_t *field_of(const scene_blob_t *blob, blob_ref_t ref)
+{
+    return ref == 0 ? NULL : &blob->fields[ref - 1];
+}
+
+/* A reference to nothing, or to a field of so many channels. */
+static bool is_field(const scene_blob_t *blob, blob_ref_t ref, uint32_t channels)
+{
+    return ref == 0 ||
+           (ref <= blob->counts[BLOB_SECTION_FIELDS] && blob->fields[ref - 1].channels == channels);
+}
+
+/* Tints lie over one box, in the same cells. */
+static bool are_alike(const blob_field_t *a, const blob_field_t *b)
+{
+    return a == NULL || b == NULL ||
+           (memcmp(a->cells, b->cells, sizeof a->cells) == 0 &&
+            memcmp(a->origin, b->origin, sizeof a->origin) == 0 &&
+            memcmp(a->span, b->span, sizeof a->span) == 0 &&
+            memcmp(&a->world_from_field, &b->world_from_field, sizeof a->world_from_field) == 0);
+}
+
+/* The colours of black bodies. */
+static result_t check_glow(const scene_blob_t *blob, const blob_medium_t *medium, ends_t *ends,
+                           unsigned long long id)
+{
+    const uint64_t numbers = 3 * BLOB_GLOW_STEPS;
+    const float largest = 1e9f;
+    CHECK(fabsf(medium->coldest) <= largest && medium->hottest > medium->coldest &&
+              medium->hottest <= largest,
+          "medium %llu: its temperatures are out of range", id);
+    CHECK(follows(medium->first_glow, numbers, blob->counts[BLOB_SECTION_NUMBERS], &ends->number) &&
+              are_positive(blob->numbers + medium->first_glow, numbers),
+          "medium %llu: the colours of its glow lie outside the numbers, are another's, or are negative", id);
     return result_ok();
 }
 
@@ -190,19 +269,31 @@ static result_t check_medium(const scene_blob_t *blob, const blob_medium_t *medi
     CHECK(is_rate(medium->absorption) && is_rate(medium->scattering) && is_rate(medium->emission),
           "medium %llu: a coefficient is negative, too large, or not finite", id);
     CHECK(medium->g > -1 && medium->g < 1, "medium %llu: its g must be between -1 and 1", id);
-    bool even = medium->cells[0] == 0 && medium->cells[1] == 0 && medium->cells[2] == 0;
-    return even ? result_ok() : check_density(blob, medium, ends, id);
+    CHECK(is_field(blob, medium->density, 1) && is_field(blob, medium->absorption_tint, 3) &&
+              is_field(blob, medium->scattering_tint, 3) && is_field(blob, medium->temperature, 1) &&
+              (is_field(blob, medium->emission_tint, 1) || is_field(blob, medium->emission_tint, 3)),
+          "medium %llu: one of its fields is not there, or of the wrong sort", id);
+    bool tinted = medium->absorption_tint != 0 || medium->scattering_tint != 0;
+    CHECK(!tinted || medium->density == 0, "medium %llu: has tints and a density", id);
+    CHECK(tinted || medium->density != 0 || (medium->emission_tint == 0 && medium->temperature == 0),
+          "medium %llu: glows in no box", id);
+    CHECK(are_alike(field_of(blob, medium->absorption_tint), field_of(blob, medium->scattering_tint)),
+          "medium %llu: its tints lie in different cells", id);
+    return medium->temperature != 0 ? check_glow(blob, medium, ends, id) : result_ok();
 }
 
 result_t blob_check_tables(const scene_blob_t *blob)
 {
-    ends_t ends = {0, 0};
+    ends_t ends = {0};
     TRY(check_numbers(blob));
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_FOURIERS]; i++)
         TRY(check_fourier(blob, &blob->fouriers[i], &ends, i));
     ends.number = 0; /* of these no table of the other kind is read */
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_MEASUREMENTS]; i++)
         TRY(check_measured(blob, &blob->measurements[i], &ends, i));
+    ends.number = 0;
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_FIELDS]; i++)
+        TRY(check_field(blob, &blob->fields[i], &ends, i));
     ends.number = 0;
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_MEDIA]; i++)
         TRY(check_medium(blob, &blob->media[i], &ends, i));

@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-enum { BLOB_VERSION = 6 };
+enum { BLOB_VERSION = 7 };
 #define BLOB_NONE 0xFFFFFFFFu
 #define BLOB_MAX_BYTES ((uint64_t)1 << 36)
 enum {
@@ -22,7 +22,11 @@ enum {
     BLOB_MAX_FOURIER_NODES = 1024,
     BLOB_MAX_FOURIER_ORDER = 16384, /* terms of a series */
     BLOB_MAX_MEASURED_SIDE = 4096,
-    BLOB_MAX_GRID_SIDE = 4096 /* of a medium */
+    BLOB_MAX_GRID_SIDE = 4096, /* of a field, in cells */
+    BLOB_BRICK_SHIFT = 3,
+    BLOB_BRICK_SIDE = 1 << BLOB_BRICK_SHIFT,
+    BLOB_BRICK_CELLS = BLOB_BRICK_SIDE * BLOB_BRICK_SIDE * BLOB_BRICK_SIDE,
+    BLOB_GLOW_STEPS = 1024 /* colours of black bodies */
 };
 
 typedef enum {
@@ -44,6 +48,8 @@ typedef enum {
     BLOB_SECTION_TEXELS,       /* 32-bit words, the pixels of the images */
     BLOB_SECTION_MATERIALS,    /* blob_material_t; a mix refers only to materials before it */
     BLOB_SECTION_MEDIA,        /* blob_medium_t */
+    BLOB_SECTION_FIELDS,       /* blob_field_t */
+    BLOB_SECTION_BRICKS,       /* uint32_t, where the bricks of the fields lie */
     BLOB_SECTION_LIGHTS,       /* blob_light_t */
     BLOB_SECTION_LENS,         /* blob_lens_element_t, of CAMERA_REALISTIC, from the scene to the film */
     BLOB_SECTION_PUPILS,       /* blob_pupil_t, LENS_PUPILS of CAMERA_REALISTIC, else none */
@@ -382,7 +388,8 @@ typedef enum {
 typedef enum {
     MATERIAL_DIFFUSE = 1,          /* [REFLECTANCE, SIGMA]: Lambert, or Oren-Nayar where sigma is not 0 */
     MATERIAL_MIRROR,               /* [REFLECTANCE] */
-    MATERIAL_DIELECTRIC,           /* [REFLECTANCE, TRANSMITTANCE, ETA, ROUGHNESS]; THIN: a pane */
+    MATERIAL_DIELECTRIC,           /* [REFLECTANCE, TRANSMITTANCE, ETA, ROUGHNESS]; THIN: a pane;
+                                      TINTED_BODY: [ALBEDO] */
     MATERIAL_CONDUCTOR,            /* [REFLECTANCE, ETA, K, ROUGHNESS] */
     MATERIAL_PLASTIC,              /* pbrt-v3's [REFLECTANCE, SPECULAR, ROUGHNESS] */
     MATERIAL_UBER,                 /* pbrt-v3's [REFLECTANCE, SPECULAR, MIRROR, TRANSMITTANCE, OPACITY, ETA,
@@ -392,7 +399,7 @@ typedef enum {
     MATERIAL_MIX,                  /* [AMOUNT] of parts[1], the rest of parts[0] */
     MATERIAL_DISNEY,               /* pbrt-v3's [REFLECTANCE, METALLIC, ETA, ROUGHNESS_U, SPECULAR_TINT,
                                       ANISOTROPIC, SHEEN, SHEEN_TINT, CLEARCOAT, CLEARCOAT_GLOSS, TRANSMISSION,
-                                      FLATNESS, DIFFUSE_TRANSMISSION]; THIN */
+                                      FLATNESS, DIFFUSE_TRANSMISSION]; THIN; TINTED_BODY: [ALBEDO] */
     MATERIAL_COATED_DIFFUSE,       /* pbrt-v4's [REFLECTANCE, ETA, ROUGHNESS, THICKNESS, ALBEDO, G]; TINTED */
     MATERIAL_COATED_CONDUCTOR,     /* pbrt-v4's [ETA, ROUGHNESS, THICKNESS, ALBEDO, G, BASE_ETA, K,
                                       BASE_ROUGHNESS]; TINTED */
@@ -425,7 +432,11 @@ enum {
     MATERIAL_COAT_NORMAL = 64, /* the coat has a normal of its own: that of the surface, turned by the
                                   coat_normal_map where there is one */
     MATERIAL_DYED = 256,       /* hair absorbs so that many of them together have the colour REFLECTANCE */
-    MATERIAL_TINTED = 128,     /* SPECULAR is a factor on what the coat of a coated material reflects */
+    MATERIAL_TINTED_BODY =
+        512,               /* of a dielectric or Disney's with a body: ALBEDO is the colour of what is below
+                              the surface over that of the body; the interface lets its root pass, both
+                              ways. Disney's has an interface then, in the place of its diffuse part */
+    MATERIAL_TINTED = 128, /* SPECULAR is a factor on what the coat of a coated material reflects */
     MATERIAL_ALPHA_V3 = 16 /* alphas as pbrt-v3 bounds them: smooth is only a dielectric whose roughness is 0
                               in both axes; else they are at least 1e-3. REMAP_V3 implies it */
 };
@@ -436,6 +447,9 @@ typedef struct {
     uint32_t flags;
     uint32_t parts[2];          /* of a mix: materials before this one */
     uint32_t table;             /* of a material that is one; else 0 */
+    blob_ref_t body;            /* 0, or the medium below the surface: subsurface scattering. Its shapes are
+                                   SHAPE_INTERFACE and have it inside. Paths through it may be longer than
+                                   through other media (docs/renderer.md) */
     blob_ref_t normal_map;      /* texture whose value 2 v - 1 is the normal along (dp/du, dp/dv, n) */
     float normal_scale;         /* of its x and y */
     blob_ref_t bump;            /* texture of a displacement along the normal, which turns the normal alone */
@@ -446,18 +460,46 @@ typedef struct {
 
 /* ---- media --------------------------------------------------------------------------------------------- */
 
-/* What fills space and scatters, absorbs or emits light: evenly, or by a density in a grid. Its cells are
- * those of the unit cube of the grid's own space, x varying fastest; between their middles the density is
- * interpolated, beyond the outermost ones with 0, and outside of the cube there is nothing. */
+typedef enum {
+    FIELD_CELLS = 1, /* a number, or a colour, for each cell, x varying fastest */
+    FIELD_BRICKS,    /* numbers of some bricks of BLOB_BRICK_SIDE cells a side, z varying fastest there */
+    FIELD_CLOUD      /* pbrt-v4's cloud: parameters: density, wispiness, frequency */
+} field_kind_t;
+
+/* A number, or a colour, that varies over a box, the unit cube of the field's own space: at u lies the place
+ * origin + u span. The number of cell (i, j, k) stands at that place; in between numbers are interpolated,
+ * and where there are no cells they are 0. Outside of the box there is nothing. Of a cloud the place is the
+ * point that its formula takes. */
+typedef struct {
+    uint32_t kind;     /* field_kind_t */
+    uint32_t channels; /* 1; of FIELD_CELLS also 3 */
+    uint32_t cells[3]; /* of bricks: multiples of BLOB_BRICK_SIDE; of a cloud 0 */
+    uint32_t first;    /* in the numbers: not negative */
+    uint32_t
+        first_brick;      /* in the bricks: for each brick of the grid, x varying fastest, which of the
+                             field's own it is, or BLOB_NONE: 0 everywhere. Bricks that are alike may be one */
+    uint32_t brick_count; /* own bricks: so many times BLOB_BRICK_CELLS numbers */
+    float origin[3], span[3];
+    float parameters[3];
+    xform_t world_from_field;
+} blob_field_t;
+
+/* What fills space and scatters, absorbs or emits light: evenly, or as fields say. */
 typedef struct {
     uint32_t name;                /* offset in the strings */
-    rgb_t absorption, scattering; /* per unit length in the world, where the density is 1 */
-    rgb_t emission;               /* radiance per unit length likewise: of what absorbs, or of itself */
-    float g;                      /* of Henyey and Greenstein's phase function: from -1 to 1, backwards to
-                                     forwards, both excluded */
-    uint32_t cells[3];            /* of the grid; all 0: the density is 1 everywhere */
-    uint32_t first_density;       /* in the numbers: not negative */
-    xform_t world_from_grid;
+    rgb_t absorption, scattering; /* per unit length in the world, times the density and their tints */
+    rgb_t emission;     /* radiance per unit length likewise, of what absorbs or of itself: times the
+                           density, the tint of the absorption, that of the emission, and glow */
+    float g;            /* of Henyey and Greenstein's phase function: from -1 to 1, backwards to
+                           forwards, both excluded */
+    blob_ref_t density; /* one of the fields, of numbers; 0: 1 everywhere */
+    blob_ref_t absorption_tint, scattering_tint; /* fields of colours over the same box and cells, of a medium
+                                                    without density; outside of the box there is nothing */
+    blob_ref_t emission_tint;                    /* where there is a field of one of the others */
+    blob_ref_t temperature; /* of numbers, likewise. Glow is 0 where it is at most `coldest`, and up to
+                               `hottest` between BLOB_GLOW_STEPS colours, which lie evenly */
+    float coldest, hottest;
+    uint32_t first_glow; /* in the numbers: linear sRGB */
 } blob_medium_t;
 
 /* ---- tables of BSDFs ----------------------------------------------------------------------------------- */

@@ -28,6 +28,8 @@ const section_type_t blob_section_types[BLOB_SECTION_COUNT] = {
     [BLOB_SECTION_TEXELS] = {"texels", sizeof(uint32_t)},
     [BLOB_SECTION_MATERIALS] = {"materials", sizeof(blob_material_t)},
     [BLOB_SECTION_MEDIA] = {"media", sizeof(blob_medium_t)},
+    [BLOB_SECTION_FIELDS] = {"fields", sizeof(blob_field_t)},
+    [BLOB_SECTION_BRICKS] = {"bricks", sizeof(uint32_t)},
     [BLOB_SECTION_LIGHTS] = {"lights", sizeof(blob_light_t)},
     [BLOB_SECTION_LENS] = {"lens", sizeof(blob_lens_element_t)},
     [BLOB_SECTION_PUPILS] = {"pupils", sizeof(blob_pupil_t)},
@@ -130,6 +132,8 @@ static result_t find_sections(const void *bytes, uint64_t size, scene_blob_t *bl
     view.texels = at[BLOB_SECTION_TEXELS];
     view.materials = at[BLOB_SECTION_MATERIALS];
     view.media = at[BLOB_SECTION_MEDIA];
+    view.fields = at[BLOB_SECTION_FIELDS];
+    view.bricks = at[BLOB_SECTION_BRICKS];
     view.lights = at[BLOB_SECTION_LIGHTS];
     view.lens = at[BLOB_SECTION_LENS];
     view.pupils = at[BLOB_SECTION_PUPILS];

@@ -39,6 +39,8 @@ typedef struct {
     const uint32_t *texels;
     const blob_material_t *materials;
     const blob_medium_t *media;
+    const blob_field_t *fields;
+    const uint32_t *bricks;
     const blob_light_t *lights;
     const blob_lens_element_t *lens;
     const blob_pupil_t *pupils;

@@ -3,10 +3,13 @@
  * DESIGN. A checkpoint is a snapshot (shared_film.h) written at leisure: merging and scheduling go on. What
  * it costs is measured, as time and as a share of the cores, and after it there is a pause of REST times as
  * much, in which only last checkpoints of jobs that end are written: so checkpoints take less than 2% of the
- * time. Where that pause would be too long (a large film, a busy machine, a slow disk), --checkpoint-max ends
- * it: the next checkpoint begins so early that it is on the disk before the samples of the last one are that
- * old. It costs more then, but never more than half of the time. A whole film is written each time: while a
- * job is at work each batch changes nearly every page, so that what did not change is not worth looking for.
+ * time. A master that has run for long is likely to run on: the pause grows to half of the time since its
+ * start, up to LONG_REST times the cost. So a crash never costs more than a third of what was rendered since
+ * then, a master that crashes again and again gets on, and one that runs takes half a percent. Where that
+ * pause would be too long (a large film, a busy machine, a slow disk), --checkpoint-max ends it: the next
+ * checkpoint begins so early that it is on the disk before the samples of the last one are that old. It costs
+ * more then, but never more than half of the time. A whole film is written each time: while a job is at work
+ * each batch changes nearly every page, so that what did not change is not worth looking for.
  *
  * When the disk is full, nothing is lost: the films stay in memory and merging goes on. Films of jobs that
  * are over and not retained make room, oldest first. Where that is not enough, checkpoints pause, with a
@@ -32,9 +35,10 @@
 #include <unistd.h>
 
 enum {
-    REST = 49,  /* times the cost of a checkpoint: 1 / 50 of the time is spent on it */
-    MARGIN = 2, /* a checkpoint may take so many times what the last one took, and be there in time; */
-    THIN = 8,   /* or so many, while most of the film was empty then */
+    REST = 49,       /* times the cost of a checkpoint: 1 / 50 of the time is spent on it; */
+    LONG_REST = 199, /* or 1 / 200, when the master has run for twice that time */
+    MARGIN = 2,      /* a checkpoint may take so many times what the last one took, and be there in time; */
+    THIN = 8,        /* or so many, while most of the film was empty then */
     MAX_DOUBLINGS = 3,
     RETRY = 5,       /* seconds between attempts when checkpoints fail */
     WARN_EVERY = 60, /* seconds between warnings that they do */
@@ -49,6 +53,7 @@ struct checkpointer {
     bool finished;           /* the thread has been joined */
     pthread_mutex_t custody; /* held while it is decided whether a film is needed, and while it is deleted */
     int cores;
+    double started; /* seconds; when the master did */
     /* the thread's own */
     double not_before; /* seconds, when checkpoints have cost so little that the next may be made */
     double busy_until; /* seconds, when they have cost half of the time: none is made before */
@@ -306,7 +311,9 @@ static void keep_file(checkpointer_t *checkpointer, const film_file_t *file, boo
 static void rest(checkpointer_t *checkpointer, double seconds, const checkpoint_cost_t *cost)
 {
     double now = clock_now();
-    checkpointer->not_before = now + REST * fmax(seconds, cost->cpu / checkpointer->cores);
+    double spent = fmax(seconds, cost->cpu / checkpointer->cores);
+    checkpointer->not_before =
+        now + fmax(REST * spent, fmin(LONG_REST * spent, (now - checkpointer->started) / 2));
     checkpointer->busy_until = now + seconds;
 }
 
@@ -473,6 +480,7 @@ result_t checkpointer_start(const checkpointer_options_t *options, checkpointer_
     checkpointer->options = *options;
     checkpointer->options.most = fmax(options->most, options->interval);
     checkpointer->cores = int_max(1, (int)sysconf(_SC_NPROCESSORS_ONLN));
+    checkpointer->started = clock_now();
     pthread_mutex_init(&checkpointer->custody, NULL);
     result_t result = thread_start(&checkpointer->thread, "lm-checkpointer", checkpointer_run, checkpointer);
     *out = checkpointer;

@@ -214,7 +214,8 @@ static result_t encode_streams(scratch_t *scratch, const sum_layout_t *layout, c
     size_t bands = band_count(layout, sums->count);
     output_t out = {.size = FRAME_HEADER + 4 * bands};
     out.capacity = out.size + sums->count; /* about what it comes to */
-    out.bytes = mem_zalloc(1, out.capacity);
+    out.bytes = mem_alloc(out.capacity);
+    memset(out.bytes, 0, out.size);
     out.bytes[0] = CODEC_STREAMS;
     put_u32(out.bytes + 4, (uint32_t)bands);
     for (size_t b = 0; b < bands; b++) {

@@ -23,6 +23,7 @@ int fuzz_lens(const uint8_t *data, size_t size);
 int fuzz_measured(const uint8_t *data, size_t size);
 int fuzz_meshopt(const uint8_t *data, size_t size);
 int fuzz_mitsuba(const uint8_t *data, size_t size);
+int fuzz_nanovdb(const uint8_t *data, size_t size);
 int fuzz_obj(const uint8_t *data, size_t size);
 int fuzz_payload(const uint8_t *data, size_t size);
 int fuzz_pbrt(const uint8_t *data, size_t size);
@@ -50,7 +51,7 @@ void fuzz_import_at(const char *name, double time, const char *shutter);
  * it. */
 uint8_t *fuzz_mend_blob(const uint8_t *data, size_t size);
 
-/* Looks up every texture and image of a blob. */
+/* Looks up every texture, image and density of a blob. */
 void fuzz_walk(const scene_blob_t *blob);
 /* A blob with a scene that has nothing in it but what the caller adds, and how it ends: opened, by its
  * checks; `bytes` is the caller's to free, after the blob's last use. */

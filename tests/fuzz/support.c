@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "client/import/import.h"
+#include "worker/render/medium/density.h"
 #include "worker/render/texture/texture.h"
 
 static const char assets[] = "tests/fuzz/assets";
@@ -178,9 +179,30 @@ static void walk_textures(const scene_blob_t *blob)
     textures_destroy(&textures);
 }
 
+/* Goes through the densities of media on two ways: what is there is finite, and no more than it may be. */
+static void walk_density(const scene_blob_t *blob, blob_ref_t field)
+{
+    const vec3_t middle = {0.5f, 0.5f, 0.5f}, directions[] = {{0.6f, 0.8f, 0}, {0, 0, -1}};
+    vec3_t from = xform_point(&blob->fields[field - 1].world_from_field, middle);
+    density_t *density = density_new(blob, field);
+    for (size_t i = 0; i < ARRAY_LENGTH(directions); ++i) {
+        march_t march;
+        float begin, end, most;
+        march_begin(&march, density, from, directions[i], INFINITY);
+        for (int piece = 0; piece < 100 && march_next(&march, &begin, &end, &most); ++piece)
+            if (most > 0 && end < 1e9f) {
+                float number = density_along(&march, 0.5f * (begin + end));
+                fuzz_expect(number >= 0 && number <= 2 * most, "a density that is not within its bound");
+            }
+    }
+    density_destroy(&density);
+}
+
 void fuzz_walk(const scene_blob_t *blob)
 {
     walk_textures(blob);
+    for (uint32_t i = 0; i < blob->counts[BLOB_SECTION_MEDIA] && i < 16; ++i)
+        if (blob->media[i].density != 0) walk_density(blob, blob->media[i].density);
 }
 
 /* ---- scattering ---------------------------------------------------------------------------------------- */

@@ -323,15 +323,33 @@ rgb_t spectrum_colour(const spectrum_t *spectrum, spectrum_use_t use, spectrum_r
     return under_d65(spectrum);
 }
 
-rgb_t spectrum_blackbody(double kelvin, spectrum_rules_t rules)
+/* With its greatest value over all wavelengths made 1. */
+static spectrum_t black_body(double kelvin)
 {
-    if (!(kelvin > 0)) return vec3(0, 0, 0);
     spectrum_t s = allocate(CIE_COUNT);
     for (size_t i = 0; i < CIE_COUNT; ++i) {
         s.lambda[i] = CIE_FIRST + (double)i;
         s.value[i] = planck(radiation_constant / kelvin / s.lambda[i]) / planck(wien_x);
     }
+    return s;
+}
+
+rgb_t spectrum_blackbody(double kelvin, spectrum_rules_t rules)
+{
+    if (!(kelvin > 0)) return vec3(0, 0, 0);
+    spectrum_t s = black_body(kelvin);
     rgb_t rgb = spectrum_colour(&s, SPECTRUM_EMISSION, rules);
     spectrum_free(&s);
     return rgb;
+}
+
+rgb_t spectrum_glow(double kelvin)
+{
+    if (!(kelvin > 0)) return vec3(0, 0, 0);
+    spectrum_t s = black_body(kelvin), d65;
+    triple_t white = d65_xyz(&d65), seen = xyz_of(&s, NULL);
+    spectrum_free(&d65);
+    spectrum_free(&s);
+    return clipped(
+        relative_to(rgb_from_xyz(seen), rgb_from_xyz(white), white.v[1] * SPECTRUM_LUMINANCE_OF_1));
 }

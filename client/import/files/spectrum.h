@@ -55,4 +55,9 @@ void spectrum_reflectance_weights(const double *lambda, size_t count, double *we
  * Planck's law with its greatest value over all wavelengths made 1. v4: with its luminance made 1. */
 rgb_t spectrum_blackbody(double kelvin, spectrum_rules_t rules);
 
+/* The luminance of the constant 1, which pbrt-v4 does not divide by where a medium emits by itself. */
+#define SPECTRUM_LUMINANCE_OF_1 106.856895
+/* The same with Planck's law's greatest value made 1, as pbrt-v4 has it in media. */
+rgb_t spectrum_glow(double kelvin);
+
 #endif

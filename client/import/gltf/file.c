@@ -44,6 +44,7 @@ static const struct {
     {"KHR_materials_unlit", true, NULL},
     {"KHR_materials_variants", true, NULL},
     {"KHR_materials_volume", true, NULL},
+    {"KHR_materials_volume_scatter", true, NULL},
     {"KHR_mesh_quantization", true, NULL},
     {"KHR_node_visibility", true, NULL},
     {"KHR_texture_transform", true, NULL},

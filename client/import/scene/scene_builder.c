@@ -1,6 +1,8 @@
 /* scene_builder: see scene_builder.h. */
 #include "client/import/scene/scene_builder.h"
 
+#include "client/import/scene/bodies.h"
+
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
@@ -39,6 +41,7 @@ result_t scene_charge(scene_builder_t *scene, scene_amount_t what, uint64_t amou
         [SCENE_VERTICES] = {22, 64, "vertices", "do not let so many meshes share them"},
         [SCENE_TRIANGLES] = {26, 256, "triangles", "take fewer curved shapes or fewer levels of subdivision"},
         [SCENE_PIXELS] = {27, 512, "pixels", "let textures share their images"},
+        [SCENE_BRICKS] = {22, 64, "bricks of grids", "make them coarser, or cut off what is empty"},
     };
     uint64_t *sum = &scene->amounts[what], limit = ((uint64_t)1 << bounds[what].free_bits);
     limit += bounds[what].per_byte * scene->source_bytes;
@@ -192,6 +195,7 @@ result_t scene_place_camera(blob_scene_t *record, const affine_t *open, const af
 result_t scene_finish(scene_builder_t *scene, const blob_scene_t *record, position_t at)
 {
     TRY(scene_check_textures(scene, at));
+    scene_settle_media(scene, at);
     for (size_t i = 0; i < scene->object_count; ++i) {
         const struct scene_object *object = &scene->objects[i];
         blob_object_t laid = {.shape_count = (uint32_t)object->count};

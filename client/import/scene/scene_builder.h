@@ -17,7 +17,7 @@
 #include "common/scene/blob_builder.h"
 
 /* What a few bytes can ask for much of; see scene_charge. */
-typedef enum { SCENE_VERTICES, SCENE_TRIANGLES, SCENE_PIXELS, SCENE_AMOUNTS } scene_amount_t;
+typedef enum { SCENE_VERTICES, SCENE_TRIANGLES, SCENE_PIXELS, SCENE_BRICKS, SCENE_AMOUNTS } scene_amount_t;
 
 /* An image as somebody asked for it; see scene_images.h. Owned: key. */
 typedef struct {
@@ -54,7 +54,7 @@ void scene_end(scene_builder_t *scene);
 /* Counts what is about to be made. RESULT_INPUT beyond a bound that grows with source_bytes: small files can
  * ask for much, by many levels of subdivision, or many meshes that share the same bytes. `amount` is of
  * SCENE_VERTICES: vertices and indices to decode, 2^22 + 64 a byte; SCENE_TRIANGLES: 2^26 + 256 a byte;
- * SCENE_PIXELS: 2^27 + 512 a byte. */
+ * SCENE_PIXELS: 2^27 + 512 a byte; SCENE_BRICKS, of the boxes of grids: 2^22 + 64 a byte. */
 result_t scene_charge(scene_builder_t *scene, scene_amount_t what, uint64_t amount, position_t at);
 
 /* Counts the bytes of a file of the scene that is opened by its path; returns them, 0 where it is missing. */
@@ -62,10 +62,15 @@ uint64_t scene_count_file(scene_builder_t *scene, const char *path);
 
 /* ---- objects and shapes -------------------------------------------------------------------------------- */
 
+/* Of blob_shape_t.flags, up to scene_finish: the inside is where the normal points. */
+enum { SCENE_INSIDE_OUT = 1u << 31 };
+
 /* A new, empty object. */
 uint32_t scene_add_object(scene_builder_t *scene);
 /* Adds a shape to an object, 0 for the world; the object after the last is made. `light`, or NULL, is what a
- * shape of the world emits. `shape` has everything but its light, `light` everything but its shape. */
+ * shape of the world emits. `shape` has everything but its light, `light` everything but its shape. `media`
+ * may be there without SHAPE_INTERFACE: they count where the shape's material has a body, which then takes
+ * the place of the one inside. */
 void scene_add_shape(scene_builder_t *scene, uint32_t object, blob_shape_t shape, const blob_light_t *light);
 /* The shapes of an object so far, writable, valid until one is added to it. */
 blob_shape_t *scene_shapes(const scene_builder_t *scene, uint32_t object, size_t *count);

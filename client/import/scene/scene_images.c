@@ -257,6 +257,20 @@ double scene_image_mean(const scene_builder_t *scene, blob_ref_t ref,
     return sum / ((double)image.width * image.height);
 }
 
+rgb_t scene_image_average(const scene_builder_t *scene, blob_ref_t ref)
+{
+    blob_image_t image = scene_image_record(scene, ref);
+    const uint32_t *texels = blob_builder_records(scene->blob, BLOB_SECTION_TEXELS);
+    size_t count = (size_t)image.width * image.height;
+    double sum[3] = {0, 0, 0}, rgb[3];
+    for (size_t i = 0; i < count; ++i) {
+        pixel(&image, texels, i, rgb);
+        for (int k = 0; k < 3; ++k) sum[k] += rgb[k];
+    }
+    double part = 1 / (double)count;
+    return vec3((float)(sum[0] * part), (float)(sum[1] * part), (float)(sum[2] * part));
+}
+
 /* Decoding keeps the order of what is encoded. */
 rgb_t scene_image_most(const scene_builder_t *scene, blob_ref_t ref)
 {

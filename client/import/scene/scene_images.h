@@ -41,6 +41,8 @@ blob_image_t scene_image_record(const scene_builder_t *scene, blob_ref_t image);
  * centre in [0, 1]^2 with the first row at t = 0; `weight` NULL: 1. */
 double scene_image_mean(const scene_builder_t *scene, blob_ref_t image,
                         double (*weight)(const void *, double, double), const void *context);
+/* The mean of each channel of an image of the blob, linear. */
+rgb_t scene_image_average(const scene_builder_t *scene, blob_ref_t image);
 /* The largest value of each channel in an image of the blob, linear. */
 rgb_t scene_image_most(const scene_builder_t *scene, blob_ref_t image);
 /* The mean of the colours of each pixel of an image, linear, in fresh memory that the caller frees. */

@@ -188,10 +188,13 @@ static void media_are_described(void **state)
         "MediumInterface \"\" \"fog\"\nCamera \"perspective\"\nWorldBegin\nScale 2 2 2\n"
         "MakeNamedMedium \"smoke\" \"string type\" \"uniformgrid\" \"integer ny\" 2 \"float density\" [1 2] "
         "\"float g\" 0.5 \"rgb Le\" [1 2 3]\n"
+        "MakeNamedMedium \"cloud\" \"string type\" \"cloud\"\n"
+        "MakeNamedMedium \"fire\" \"string type\" \"uniformgrid\" \"float density\" 1 \"float temperature\" "
+        "2000\n"
         "LightSource \"point\" Material \"interface\" Shape \"sphere\"\n";
     char *path = scratch_path(*state, "s.pbrt");
     scratch_write(path, scene, sizeof scene - 1);
-    assert_says(*state, NULL, path, "lights     1\nmedia      2\n");
+    assert_says(*state, NULL, path, "lights     1\nmedia      4\n");
     assert_says(*state, NULL, path, "looks along 0 0 1  in medium 0\n");
     assert_says(*state, NULL, path, "light 0: point  intensity 1 1 1  in medium 0\n");
     assert_says(*state, NULL, path, "material 0: interface \n");
@@ -199,7 +202,9 @@ static void media_are_described(void **state)
     assert_says(
         *state, NULL, path,
         "medium 1:  absorption 1 1 1  scattering 1 1 1  emission 1 2 3  g 0.5  in 1 x 2 x 1 cells  smoke\n");
-    assert_says(*state, "--json", path, "\"media\": 2");
+    assert_says(*state, NULL, path, "medium 2:  absorption 1 1 1  scattering 1 1 1  g 0  a cloud  cloud\n");
+    assert_says(*state, NULL, path, "g 0  in 1 x 1 x 1 cells  glows by its temperature  fire\n");
+    assert_says(*state, "--json", path, "\"media\": 4");
     assert_says(*state, "--json", path, "\"material_kinds\": [\"interface\"]");
     free(path);
 }

@@ -89,20 +89,56 @@ static void add_shapes(blob_builder_t *builder)
     blob_builder_add(builder, BLOB_SECTION_INSTANCES, &instance, 1);
 }
 
+/* Field 2: bricks, of which the second is there twice and the third is not; 3 and 4: colours; 5: a cloud.
+ * Medium 3 has the bricks and glows by them, 4 has the colours, 5 the cloud. */
+static void add_fields(blob_builder_t *builder)
+{
+    enum { COUNT = 2 * BLOB_BRICK_CELLS };
+    const uint32_t bricks[4] = {0, 1, BLOB_NONE, 1};
+    const float numbers[3 * BLOB_GLOW_STEPS] = {0, 1, 2, 3, 4, 5};
+    blob_field_t field = {.kind = FIELD_BRICKS, .channels = 1, .cells = {8, 16, 16}, .span = {8, 12, 11}};
+    field.world_from_field = xform_identity();
+    field.first = blob_builder_add(builder, BLOB_SECTION_NUMBERS, numbers, COUNT);
+    field.first_brick = blob_builder_add(builder, BLOB_SECTION_BRICKS, bricks, 4);
+    field.brick_count = 2;
+    blob_medium_t medium = {.absorption = {1, 1, 1}, .emission = {1, 1, 1}};
+    medium.density = medium.temperature = 1 + blob_builder_add(builder, BLOB_SECTION_FIELDS, &field, 1);
+    medium.coldest = 100;
+    medium.hottest = 1000;
+    medium.first_glow = blob_builder_add(builder, BLOB_SECTION_NUMBERS, numbers, 3 * BLOB_GLOW_STEPS);
+    blob_builder_add(builder, BLOB_SECTION_MEDIA, &medium, 1);
+
+    blob_field_t colours = {.kind = FIELD_CELLS, .channels = 3, .cells = {2, 1, 1}, .span = {2, 1, 1}};
+    colours.world_from_field = xform_identity();
+    colours.first = blob_builder_add(builder, BLOB_SECTION_NUMBERS, numbers, 6);
+    medium = (blob_medium_t){.absorption = {1, 1, 1}, .scattering = {1, 1, 1}, .emission = {1, 1, 1}};
+    medium.absorption_tint = 1 + blob_builder_add(builder, BLOB_SECTION_FIELDS, &colours, 1);
+    colours.first = blob_builder_add(builder, BLOB_SECTION_NUMBERS, numbers, 6);
+    medium.scattering_tint = medium.emission_tint =
+        1 + blob_builder_add(builder, BLOB_SECTION_FIELDS, &colours, 1);
+    blob_builder_add(builder, BLOB_SECTION_MEDIA, &medium, 1);
+
+    blob_field_t cloud = {.kind = FIELD_CLOUD, .channels = 1, .span = {2, 1, 1}, .parameters = {1, 1, 5}};
+    cloud.world_from_field = xform_identity();
+    medium = (blob_medium_t){.density = 1 + blob_builder_add(builder, BLOB_SECTION_FIELDS, &cloud, 1)};
+    blob_builder_add(builder, BLOB_SECTION_MEDIA, &medium, 1);
+}
+
 /* Medium 0: fog; 1 and 2: clouds of two cells, in one of which the camera stands. */
 static void add_media(blob_builder_t *builder)
 {
     const float densities[2] = {0, 3};
     blob_medium_t medium = {.absorption = {1, 2, 3}, .scattering = {4, 5, 6}, .g = 0.5f};
     medium.name = blob_builder_string(builder, "fog");
-    medium.world_from_grid = xform_identity();
     blob_builder_add(builder, BLOB_SECTION_MEDIA, &medium, 1);
     for (int i = 0; i < 2; i++) {
-        medium.cells[0] = 2;
-        medium.cells[1] = medium.cells[2] = 1;
-        medium.first_density = blob_builder_add(builder, BLOB_SECTION_NUMBERS, densities, 2);
+        blob_field_t field = {.kind = FIELD_CELLS, .channels = 1, .cells = {2, 1, 1}, .span = {2, 1, 1}};
+        field.world_from_field = xform_identity();
+        field.first = blob_builder_add(builder, BLOB_SECTION_NUMBERS, densities, 2);
+        medium.density = 1 + blob_builder_add(builder, BLOB_SECTION_FIELDS, &field, 1);
         blob_builder_add(builder, BLOB_SECTION_MEDIA, &medium, 1);
     }
+    add_fields(builder);
     blob_scene_t *scene = blob_builder_records(builder, BLOB_SECTION_SCENE);
     scene->medium = 2;
 }
@@ -320,7 +356,7 @@ static void everything_comes_back(void **state)
     assert_int_equal(blob.shapes[1].media[1], 3);
     assert_int_equal(blob.scene->medium, 2);
     assert_string_equal(blob.strings + blob.media[0].name, "fog");
-    assert_true(blob.numbers[blob.media[2].first_density + 1] == 3.0f);
+    assert_true(blob.numbers[blob.fields[blob.media[2].density - 1].first + 1] == 3.0f);
     for (int i = 0; i < BLOB_SECTION_COUNT; i++)
         assert_int_equal(read_u64(section_entry(bytes, (blob_section_t)i)) % 64, 0);
     job_settings_t settings = blob_default_settings(&blob);
@@ -653,11 +689,11 @@ static void media_are_checked(void **state)
     uint8_t *bytes = make_blob(&size);
     scene_blob_t blob;
     assert_int_equal(blob_open(bytes, size, &blob).code, RESULT_OK);
-    const size_t densities = 4 * (size_t)blob.media[1].first_density;
+    const size_t densities = 4 * (size_t)blob.fields[0].first;
     blob_close(&blob);
     free(bytes);
     const corruption_t corruptions[] = {
-        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, media[0]), 4,
+        {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, media[0]), 7,
          "shape 1: parts media that it cannot part"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, media[1]), UINT32_MAX, "shape 1: parts media"},
         {BLOB_SECTION_SHAPES, FIELD(blob_shape_t, 1, flags), SHAPE_CUTOUT, "shape 1: parts media"},
@@ -670,10 +706,10 @@ static void media_are_checked(void **state)
          "shape 2: is nothing but the border of media"}, /* curves */
         {BLOB_SECTION_MATERIALS, FIELD(blob_material_t, 1, kind), MATERIAL_INTERFACE,
          "material 4 is malformed"}, /* a mix of it */
-        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 1, medium), 4, "light 1: shines into no medium 4"},
+        {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 1, medium), 7, "light 1: shines into no medium 7"},
         {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 1, medium), UINT32_MAX, "light 1: shines into no medium"},
         {BLOB_SECTION_LIGHTS, FIELD(blob_light_t, 3, medium), 1, "light 3: shines into no medium 1"},
-        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, medium), 4, "the camera stands in no medium 4"},
+        {BLOB_SECTION_SCENE, FIELD(blob_scene_t, 0, medium), 7, "the camera stands in no medium 7"},
         {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 0, name), 1000, "medium 0: its name"},
         {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 0, absorption.x), minus, "medium 0: a coefficient"},
         {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 0, absorption.z), nan, "medium 0: a coefficient"},
@@ -684,23 +720,55 @@ static void media_are_checked(void **state)
         {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 0, g), one, "medium 0: its g"},
         {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 0, g), minus, "medium 0: its g"},
         {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 1, g), nan, "medium 1: its g"},
-        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 1, cells[0]), 0, "medium 1: its grid has 0 x 1 x 1 cells"},
-        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 0, cells[1]), 1, "medium 0: its grid has 0 x 1 x 0 cells"},
-        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 1, cells[1]), BLOB_MAX_GRID_SIDE + 1, "2 x 4097 x 1 cells"},
-        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 1, cells[2]), UINT32_MAX, "medium 1: its grid has"},
-        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 2, cells[2]), 2, "medium 2: its densities"},
-        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 2, cells[0]), BLOB_MAX_GRID_SIDE,
-         "medium 2: its densities"},
-        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 1, cells[1]), 2, "medium 2: its densities"}, /* shared */
-        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 2, first_density), 0, "medium 2: its densities"},
-        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 2, first_density), UINT32_MAX, "medium 2: its densities"},
-        {BLOB_SECTION_NUMBERS, densities, minus, "medium 1: its densities"},
-        {BLOB_SECTION_NUMBERS, densities + 12, minus, "medium 2: its densities"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 0, kind), 0, "field 0: is of no known kind 0"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 0, kind), FIELD_CLOUD + 1, "field 0: is of no known kind"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 0, channels), 2, "field 0: cannot have 2 channels"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 2, channels), 3, "field 2: cannot have 3 channels"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 0, cells[0]), 0, "field 0: its grid has 0 x 1 x 1 cells"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 0, cells[1]), BLOB_MAX_GRID_SIDE + 1, "2 x 4097 x 1 cells"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 0, cells[2]), UINT32_MAX, "field 0: its grid has"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 1, cells[0]), BLOB_MAX_GRID_SIDE, "field 2: its numbers"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 0, cells[1]), 2, "field 1: its numbers"}, /* shared */
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 1, first), 0, "field 1: its numbers"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 1, first), UINT32_MAX, "field 1: its numbers"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 2, cells[1]), 9, "field 2: its bricks"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 2, cells[1]), 24, "field 2: its bricks"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 2, first_brick), 1, "field 2: its bricks"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 2, first_brick), UINT32_MAX, "field 2: its bricks"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 2, brick_count), 1, "field 2: its bricks"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 2, brick_count), UINT32_MAX, "field 2: its numbers"},
+        {BLOB_SECTION_BRICKS, 4, 2, "field 2: its bricks"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 1, span[1]), bits_of(0.5f), "field 1: the span"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 2, span[2]), nan, "field 2: the span"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 5, span[0]), 0, "field 5: the span"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 1, origin[1]), nan, "field 1: a number"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 5, parameters[0]), minus, "field 5: a number"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 5, parameters[2]), infinite, "field 5: a number"},
+        {BLOB_SECTION_NUMBERS, densities, minus, "field 0: its numbers"},
+        {BLOB_SECTION_NUMBERS, densities + 12, minus, "field 1: its numbers"},
         {BLOB_SECTION_NUMBERS, densities, nan, "is not finite, or too large"},
-        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 1, world_from_grid.m[1][1]), 0, "medium 1: the transform"},
-        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 2, world_from_grid.m[0][3]), infinite,
-         "medium 2: the trans"},
-        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 2, world_from_grid.m[2][0]), nan, "medium 2: the trans"}};
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 0, world_from_field.m[1][1]), 0, "field 0: its transform"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 1, world_from_field.m[0][3]), infinite,
+         "field 1: its transform"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 1, world_from_field.m[2][0]), nan, "field 1: its trans"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 1, density), 7, "medium 1: one of its fields"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 1, density), UINT32_MAX, "medium 1: one of its fields"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 1, density), 4,
+         "medium 1: one of its fields"}, /* colours */
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 4, absorption_tint), 1, "medium 4: one of its fields"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 4, scattering_tint), 3, "medium 4: one of its fields"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 4, emission_tint), 9, "medium 4: one of its fields"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 3, temperature), 4, "medium 3: one of its fields"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 4, density), 1, "medium 4: has tints and a density"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 3, density), 0, "medium 3: glows in no box"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 0, emission_tint), 1, "medium 0: glows in no box"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 4, origin[0]), one, "medium 4: its tints"},
+        {BLOB_SECTION_FIELDS, FIELD(blob_field_t, 3, world_from_field.m[0][0]), one + 1,
+         "medium 4: its tints"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 3, hottest), bits_of(100), "medium 3: its temperatures"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 3, coldest), nan, "medium 3: its temperatures"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 3, hottest), infinite, "medium 3: its temperatures"},
+        {BLOB_SECTION_MEDIA, FIELD(blob_medium_t, 3, first_glow), UINT32_MAX, "medium 3: the colours"}};
     check_corruptions(corruptions, ARRAY_LENGTH(corruptions));
 }
 
@@ -1068,10 +1136,27 @@ static double touch_measured(const scene_blob_t *blob, const blob_measured_t *ta
     return sum;
 }
 
+static double touch_field(const scene_blob_t *blob, blob_ref_t ref)
+{
+    if (ref == 0) return 0;
+    const blob_field_t *field = &blob->fields[ref - 1];
+    const uint32_t *n = field->cells;
+    uint64_t cells = (uint64_t)n[0] * n[1] * n[2];
+    if (field->kind == FIELD_CLOUD) return (double)field->parameters[0];
+    if (field->kind == FIELD_CELLS) return (double)blob->numbers[field->first + field->channels * cells - 1];
+    uint32_t brick = blob->bricks[field->first_brick + cells / BLOB_BRICK_CELLS - 1];
+    return brick == BLOB_NONE
+               ? 0
+               : (double)blob->numbers[field->first + (uint64_t)(brick + 1) * BLOB_BRICK_CELLS - 1];
+}
+
 static double touch_medium(const scene_blob_t *blob, const blob_medium_t *medium)
 {
-    uint64_t cells = (uint64_t)medium->cells[0] * medium->cells[1] * medium->cells[2];
-    return cells > 0 ? (double)blob->numbers[medium->first_density + cells - 1] : (double)medium->g;
+    double sum = (double)medium->g;
+    if (medium->temperature != 0) sum += (double)blob->numbers[medium->first_glow + 3 * BLOB_GLOW_STEPS - 1];
+    return sum + touch_field(blob, medium->density) + touch_field(blob, medium->absorption_tint) +
+           touch_field(blob, medium->scattering_tint) + touch_field(blob, medium->emission_tint) +
+           touch_field(blob, medium->temperature);
 }
 
 /* Follows every reference that a renderer would. */

@@ -108,6 +108,7 @@ SEEDS_END_WELL(lens)
 SEEDS_END_WELL(measured)
 SEEDS_END_WELL(meshopt)
 SEEDS_END_WELL(mitsuba)
+SEEDS_END_WELL(nanovdb)
 SEEDS_END_WELL(obj)
 SEEDS_END_WELL(payload)
 SEEDS_END_WELL(pbrt)
@@ -141,6 +142,7 @@ int main(void)
         cmocka_unit_test(seeds_of_measured_end_well),
         cmocka_unit_test(seeds_of_meshopt_end_well),
         cmocka_unit_test(seeds_of_mitsuba_end_well),
+        cmocka_unit_test(seeds_of_nanovdb_end_well),
         cmocka_unit_test(seeds_of_obj_end_well),
         cmocka_unit_test(seeds_of_payload_end_well),
         cmocka_unit_test(seeds_of_pbrt_end_well),

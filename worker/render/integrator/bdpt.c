@@ -164,6 +164,7 @@ static void join_camera(half_t *b, const vertex_t *y)
     if (!sample_join_camera(b->sample, vertex_point(y), y->dimension, &view) || !vertex_eval(y, view.w, &fy))
         return;
     medium_t medium = vertex_medium(y, view.w);
+    if (!join_is_near(b->setup, y, medium.number, 0, 0, b->setup->medium)) return;
     float length = v_length(v_sub(view.position, vertex_point(y)));
     float r = view.density * vertex_area_cosine(y, view.w);
     if (!view.parallel) r *= medium_fade(b->setup, medium.number, length);
@@ -236,6 +237,7 @@ static void join_light(half_t *b, const vertex_t *z, uint32_t k)
     if (!vertex_view_light(z, b->sample, k, &light)) return;
     float r_eye = light.arrival * vertex_area_cosine(z, light.w);
     medium_t medium = vertex_medium(z, light.w);
+    if (!join_is_near(b->setup, z, medium.number, 0, 0, light.medium)) return;
     float length = v_length(v_sub(light.target, vertex_point(z))), fade = 1;
     if (!light.at_infinity) {
         r_eye *= medium_fade(b->setup, medium.number, length);
@@ -272,13 +274,16 @@ static void join_vertices(half_t *b, const vertex_t *z, const light_choice_t *ch
     bsdf_value_t fz, fy;
     if (!vertex_eval(z, w, &fz) || !vertex_eval(y, back, &fy)) return;
     medium_t medium = vertex_medium(z, w);
+    blob_ref_t arrival = vertex_medium(y, back).number;
+    if (!join_is_near(b->setup, z, medium.number, y->length, y->within, arrival)) return;
     float r_light = fz.pdf * vertex_area_cosine(y, w) / distance2;
     float r_eye = fy.pdf * vertex_area_cosine(z, w) / distance2;
-    r_light *= medium_fade(b->setup, vertex_medium(y, back).number, distance);
+    r_light *= medium_fade(b->setup, arrival, distance);
     r_eye *= medium_fade(b->setup, medium.number, distance);
     float light_share = mis_share_counted(y, r_light, fy.pdf_rev, strategy_count(y, choice->path->last));
     float eye_share = mis_share_counted(z, r_eye, fz.pdf_rev, strategy_count(z, splat_worth));
-    float weight = weight_of(b, (light_share + eye_share) / square(inner_worth)) * choice->factor;
+    float worth = is_inner(b->setup, medium.number, arrival) ? body_worth : inner_worth;
+    float weight = weight_of(b, (light_share + eye_share) / square(worth)) * choice->factor;
     float factor = vertex_cosine(z, w) * vertex_cosine(y, w) * vertex_adjoint(y, back) / distance2 * weight;
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), v_mul(y->throughput, fy.f));
     if (v_is_zero(value)) return;
@@ -297,16 +302,17 @@ static void join_pool(half_t *b, const vertex_t *z)
 {
     const job_settings_t *settings = &b->setup->settings;
     light_choice_t choices[LIGHT_CHOICES_MOST];
-    light_wish_t wish = {.least = 1,
-                         .most = setup_max_segments(b->setup) - z->depth - 1,
+    light_wish_t wish = {.most = setup_max_segments(b->setup) - z->length - !z->bounds,
                          .weighted = !settings->unweighted,
                          .u = sample_2d(b->sample, z->dimension + DIMENSION_CHOOSE).x};
     int t = z->depth + 1;
-    if (settings->unweighted) {
-        if (settings->strategy_t != t || settings->strategy_s - 1 > wish.most) return;
+    bool bodies = media_has_bodies(b->setup->media); /* where lengths are not depths */
+    if (settings->unweighted && settings->strategy_t != t) return;
+    if (settings->unweighted && !bodies) {
+        if (settings->strategy_s - 1 > wish.most) return;
         wish.least = wish.most = settings->strategy_s - 1;
     }
-    if (wish.most < 1) return;
+    if (wish.most < !bodies) return;
     if (b->brightness > 0)
         wish.worth = v_max(v_mul(z->throughput, bsdf_albedo(&z->bsdf))) * b->brightness / b->setup->noise;
     int count = light_pool_choose(b->sample->pool, z, &wish, choices);
@@ -317,12 +323,15 @@ static void join_pool(half_t *b, const vertex_t *z)
 }
 
 /* Everything that joins an eye vertex to the lights. */
-static void join_eye_vertex(half_t *b, const vertex_t *z)
+static void join_eye_vertex(half_t *b, vertex_t *z)
 {
+    rgb_t throughput = z->throughput;
+    if (!vertex_joins(z, b->sample, &z->throughput)) return;
     if (is_wanted(b, 1, z->depth + 1))
         for (uint32_t k = 0; k < vertex_view_count(z, b->setup->lights); k++) join_light(b, z, k);
     join_pool(b, z);
     if (b->connections.segments.count > 0) take_connections(b);
+    z->throughput = throughput;
 }
 
 /* Weight of the photon merged with the eye vertex, at which the path scatters as `fz` says. The strategies
@@ -353,14 +362,15 @@ static rgb_t merge_photon(half_t *b, const vertex_t *z, const photon_t *y)
 static void merge_photons(half_t *b, const vertex_t *z)
 {
     const photon_set_t *set = b->sample->photons;
-    int most_depth = setup_max_segments(b->setup) - z->depth;
+    int most_length = setup_max_segments(b->setup) - z->length;
     photon_range_t ranges[PHOTON_CELLS];
     int count = photon_grid_near(&set->grid, vertex_point(z), ranges);
     for (int k = 0; k < count; k++)
         for (uint32_t i = ranges[k].first; i < ranges[k].end; i++) {
             if (!(v_length2(v_sub(set->points[i], vertex_point(z))) < square(set->radius))) continue;
             const photon_t *y = &set->photons[i];
-            if (y->depth <= most_depth) add_radiance(b, merge_photon(b, z, y), y->light);
+            if (y->length <= most_length && y->within + z->within <= WITHIN_MOST)
+                add_radiance(b, merge_photon(b, z, y), y->light);
         }
 }
 
@@ -407,24 +417,35 @@ static void begin_path(half_t *b, const walk_t *walk)
     light_pool_add_path(b->sample->pool, &b->path);
 }
 
+/* Puts a light vertex into the pool, and joins it to the camera. */
+static void join_light_vertex(half_t *b, vertex_t *y, bool splats)
+{
+    rgb_t throughput = y->throughput;
+    if (!vertex_joins(y, b->sample, &y->throughput)) return;
+    light_pool_add(b->sample->pool, y);
+    if (y->first && y->depth > 1 && splats) meet_caustic(b, y);
+    if (splats && is_wanted(b, y->depth + 1, 1)) join_camera(b, y);
+    if (b->connections.segments.count == SCENE_PACKET) take_splats(b);
+    y->throughput = throughput;
+}
+
 /* Traces the light subpath into the pool; specular vertices are passed through. */
 static void trace_light_subpath(half_t *b, walk_t *walk, bool splats)
 {
-    for (int i = 1; i < setup_max_segments(b->setup); i++) {
-        vertex_t y;
+    int segments = light_segments(b->setup);
+    vertex_t y;
+    y.length = 0;
+    y.bounds = false;
+    do {
+        if (!vertex_has_room(&y, segments)) return;
         walk_arrive(walk, b->sample, &y);
-        if (i == 1) begin_path(b, walk);
+        if (y.depth == 1) begin_path(b, walk);
         if (y.kind == VERTEX_SKY || vertex_is_for_eyes(&y) || !walk_weigh(walk, &y)) return;
+        if (y.length > segments || y.within > WITHIN_MOST) return;
         vertex_shade(&y, b->setup, walk->scattered);
         if (b->eta > 0) walk_weigh_merging(walk, &y, b->eta);
-        if (vertex_is_joinable(&y)) {
-            light_pool_add(b->sample->pool, &y);
-            if (y.first && y.depth > 1 && splats) meet_caustic(b, &y);
-            if (splats && is_wanted(b, y.depth + 1, 1)) join_camera(b, &y);
-            if (b->connections.segments.count == SCENE_PACKET) take_splats(b);
-        }
-        if (!walk_scatter(walk, b->sample, &y)) return;
-    }
+        if (vertex_is_joinable(&y)) join_light_vertex(b, &y, splats);
+    } while (walk_scatter(walk, b->sample, &y));
 }
 
 /* What a light subpath teaches, beside what its connections bring (note_choice). */
@@ -476,12 +497,12 @@ typedef struct {
 /* Follows a ray through specular vertices into a light. */
 static void follow(half_t *b, walk_t *walk)
 {
-    for (int i = walk->depth + 1; i <= setup_max_segments(b->setup); i++) {
+    for (;;) {
         vertex_t y;
         walk_arrive(walk, b->sample, &y);
-        if (!walk_weigh(walk, &y)) return;
+        if (!vertex_is_near(&y, b->setup) || !walk_weigh(walk, &y)) return;
         if (!walk->joinable) hit_lights(b, walk, &y);
-        if (y.kind == VERTEX_SKY || i == setup_max_segments(b->setup)) return;
+        if (y.kind == VERTEX_SKY || !vertex_has_room(&y, setup_max_segments(b->setup))) return;
         vertex_shade(&y, b->setup, walk->scattered);
         if (!walk_scatter(walk, b->sample, &y) || walk->joinable) return;
     }
@@ -550,15 +571,16 @@ static rgb_t bdpt_eye(sample_t *sample)
     walk_t walk = walk_from_camera(sample, roulette);
     if (sample->eye_weight == 0 && !walk.joinable) return b.radiance;
     vec3_t eye = walk.origin;
-    for (int i = 1; i <= segments; i++) {
+    for (;;) {
         vertex_t z;
         walk_arrive(&walk, sample, &z);
-        if (!walk_weigh(&walk, &z)) break;
+        if (!vertex_is_near(&z, b.setup) || !walk_weigh(&walk, &z)) break;
         hit_lights(&b, &walk, &z);
-        if (z.kind == VERTEX_SKY || (i == segments && i > 1)) break;
+        bool ends = !vertex_has_room(&z, segments);
+        if (z.kind == VERTEX_SKY || (ends && z.depth > 1)) break;
         vertex_shade(&z, b.setup, walk.scattered);
-        if (i == 1) vertex_first_hit(&z, sample, eye);
-        if (i == segments) break;
+        if (z.depth == 1) vertex_first_hit(&z, sample, eye);
+        if (ends) break;
         if (b.eta > 0) walk_weigh_merging(&walk, &z, b.eta);
         if (vertex_is_joinable(&z) && !lights_empty(b.setup->lights)) join_eye_vertex(&b, &z);
         if (z.merging > 0) merge_photons(&b, &z);

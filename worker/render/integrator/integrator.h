@@ -110,6 +110,9 @@ enum {
     DIMENSION_JOIN_LENS = 5
 };
 
+/* Of the side stream of a vertex, behind what caustics take: whether it is joined to others. */
+enum { DIMENSION_JOINING = 7 };
+
 static inline sampler_t sample_stream(const sample_t *sample, uint32_t dimension)
 {
     sampler_t sampler = sample->numbers;

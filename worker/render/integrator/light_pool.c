@@ -32,7 +32,7 @@ typedef struct {
     float everywhere[LANES]; /* what stands for a cosine, in a medium; else 0 */
     float level[LANES];      /* throughput x albedo; 0 in lanes without a vertex */
     float share[LANES];      /* of the light side, over the squared geometry */
-    float depth[LANES];
+    float length[LANES];
     float chance[LANES];   /* of being chosen, for the eye vertex at hand, without the floor; of any scale */
     float possible[LANES]; /* 1: can contribute; else 0 */
 } group_t;
@@ -156,7 +156,7 @@ void light_pool_add(light_pool_t *pool, const vertex_t *vertex)
     pool->in_media = pool->in_media || vertex->kind == VERTEX_MEDIUM;
     group->level[lane] = level;
     group->share[lane] = estimated_share(vertex, strategy_count(vertex, path->last));
-    group->depth[lane] = (float)vertex->depth;
+    group->length[lane] = (float)vertex->length;
     keep_vertex(pool, vertex);
     pool->path_of[pool->count++] = (uint8_t)(pool->path_count - 1);
 }
@@ -191,8 +191,8 @@ static inline void estimate(group_t *restrict group, bool media, vec3_t p, vec3_
         float chance = group->level[i] * g / (1 + g * g * (share + group->share[i]));
         float possible = g > 0 ? 1.0f : 0.0f;
         possible = group->level[i] > 0 ? possible : 0.0f;
-        possible = group->depth[i] >= least ? possible : 0.0f;
-        possible = group->depth[i] <= most ? possible : 0.0f;
+        possible = group->length[i] >= least ? possible : 0.0f;
+        possible = group->length[i] <= most ? possible : 0.0f;
         chance = chance > 0 ? chance : 0.0f; /* not a NaN either */
         chance = chance < 0x1p80f ? chance : 0x1p80f;
         group->chance[i] = chance * possible;

@@ -66,7 +66,7 @@ enum { LIGHT_CHOICES_MOST = 6 };
 
 /* What an eye vertex asks of the pool. */
 typedef struct {
-    int least, most; /* depths of light vertices */
+    int least, most; /* lengths of the subpaths up to light vertices (walk_t) */
     bool weighted;   /* contributions are */
     float worth;     /* what the vertex makes of light from a surface, in terms of a sample's noise: the more
                         light it expects, the more it chooses. 0: not known */

@@ -14,6 +14,8 @@ static void splat_vertex(sample_t *sample, const vertex_t *y, const walk_t *walk
     bsdf_value_t value;
     float share = 1;
     if (!sample_join_camera(sample, vertex_point(y), y->dimension, &view)) return;
+    const setup_t *setup = sample->setup;
+    if (!join_is_near(setup, y, vertex_medium(y, view.w).number, 0, 0, setup->medium)) return;
     if (!vertex_eval(y, view.w, &value)) {
         float distance2, arrives = y->depth == 1 ? walk_density(walk, y, &distance2) : 0;
         float seen = view.density * vertex_area_cosine(y, view.w);
@@ -36,14 +38,21 @@ static void trace_light_path(sample_t *sample)
     light_ray_t ray;
     if (!walk_from_light(sample, roulette, &walk, &ray)) return;
     /* The last segment is the one to the camera. */
-    for (int i = 1; i < setup_max_segments(setup); i++) {
-        vertex_t y;
+    int segments = light_segments(setup);
+    vertex_t y;
+    y.length = 0;
+    y.bounds = false;
+    do {
+        if (!vertex_has_room(&y, segments)) return;
         walk_arrive(&walk, sample, &y);
         if (y.kind == VERTEX_SKY || vertex_is_for_eyes(&y)) return;
+        if (y.length > segments || y.within > WITHIN_MOST) return;
         vertex_shade(&y, setup, walk.scattered);
-        if (vertex_is_joinable(&y)) splat_vertex(sample, &y, &walk, &ray);
-        if (!walk_scatter(&walk, sample, &y)) return;
-    }
+        rgb_t throughput = y.throughput;
+        if (vertex_is_joinable(&y) && vertex_joins(&y, sample, &y.throughput))
+            splat_vertex(sample, &y, &walk, &ray);
+        y.throughput = throughput;
+    } while (walk_scatter(&walk, sample, &y));
 }
 
 /* What the eye ray sees shining by itself. */

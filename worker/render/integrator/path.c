@@ -17,7 +17,9 @@ static rgb_t direct_light(sample_t *sample, const walk_t *walk, const vertex_t *
     light_view_t light;
     bsdf_value_t value;
     float weight = 1;
-    if (!vertex_view_light(z, sample, k, &light)) return vec3(0, 0, 0);
+    if (!vertex_view_light(z, sample, k, &light) ||
+        !join_is_near(sample->setup, z, vertex_medium(z, light.w).number, 0, 0, light.medium))
+        return vec3(0, 0, 0);
     float density = light.density / light.geometry; /* per steradian */
     if (vertex_eval(z, light.w, &value)) {
         float counted = z->first ? first_light_worth * density : density;
@@ -57,6 +59,17 @@ static rgb_t emitted(sample_t *sample, const walk_t *walk, const vertex_t *z)
     return sum;
 }
 
+/* What the lights that the vertex is joined to bring. */
+static rgb_t next_event(sample_t *sample, const walk_t *walk, vertex_t *z)
+{
+    rgb_t radiance = {0, 0, 0}, throughput = z->throughput;
+    if (vertex_joins(z, sample, &z->throughput))
+        for (uint32_t k = 0; k < vertex_view_count(z, sample->setup->lights); k++)
+            radiance = v_add(radiance, v_mul(z->throughput, direct_light(sample, walk, z, k)));
+    z->throughput = throughput;
+    return radiance;
+}
+
 /* What the walk from the camera brings from the lights. */
 static rgb_t gather(sample_t *sample, walk_t *walk)
 {
@@ -64,18 +77,19 @@ static rgb_t gather(sample_t *sample, walk_t *walk)
     int segments = setup_max_segments(setup);
     rgb_t radiance = vec3(0, 0, 0);
     vec3_t eye = walk->origin;
-    for (int i = 1;; i++) {
+    for (;;) {
         vertex_t z;
         walk_arrive(walk, sample, &z);
+        if (!vertex_is_near(&z, setup)) return radiance;
         if (vertex_light_count(&z, setup->lights) > 0)
             radiance = v_add(radiance, v_mul(z.throughput, emitted(sample, walk, &z)));
-        if (z.kind == VERTEX_SKY || (i >= segments && i > 1)) return radiance;
+        bool ends = !vertex_has_room(&z, segments);
+        if (z.kind == VERTEX_SKY || (ends && z.depth > 1)) return radiance;
         vertex_shade(&z, setup, walk->scattered);
-        if (i == 1) vertex_first_hit(&z, sample, eye);
-        if (i >= segments) return radiance;
+        if (z.depth == 1) vertex_first_hit(&z, sample, eye);
+        if (ends) return radiance;
         if (vertex_is_joinable(&z) && !lights_empty(setup->lights))
-            for (uint32_t k = 0; k < vertex_view_count(&z, setup->lights); k++)
-                radiance = v_add(radiance, v_mul(z.throughput, direct_light(sample, walk, &z, k)));
+            radiance = v_add(radiance, next_event(sample, walk, &z));
         if (!walk_scatter(walk, sample, &z)) return radiance;
     }
 }

@@ -151,7 +151,9 @@ static void chunk_add(chunk_t *chunk, const vertex_t *y, const walk_t *walk)
                                                 .direct = square(count) * y->direct,
                                                 .inner = y->inner,
                                                 .light = walk->light,
-                                                .depth = y->depth};
+                                                .depth = y->depth,
+                                                .length = y->length,
+                                                .within = y->within};
 }
 
 /* Subpath k of the set. Its random numbers are those of sample 2 k of a pixel that no image has: so the
@@ -169,15 +171,19 @@ static void trace_subpath(const setup_t *setup, const photon_set_t *set, uint32_
     walk_t walk;
     light_ray_t ray;
     if (!walk_from_light(&sample, roulette, &walk, &ray)) return;
-    for (int i = 1; i < setup_max_segments(setup); i++) {
-        vertex_t y;
+    int segments = light_segments(setup);
+    vertex_t y;
+    y.length = 0;
+    y.bounds = false;
+    do {
+        if (!vertex_has_room(&y, segments)) return;
         walk_arrive(&walk, &sample, &y);
         if (y.kind == VERTEX_SKY || vertex_is_for_eyes(&y) || !walk_weigh(&walk, &y)) return;
+        if (y.length > segments || y.within > WITHIN_MOST) return;
         vertex_shade(&y, setup, walk.scattered);
         walk_weigh_merging(&walk, &y, set->eta);
         if (y.merging > 0 && v_is_finite(y.throughput)) chunk_add(chunk, &y, &walk);
-        if (!walk_scatter(&walk, &sample, &y)) return;
-    }
+    } while (walk_scatter(&walk, &sample, &y));
 }
 
 static void trace_chunk(const photons_t *photons, slot_t *slot, uint32_t number)

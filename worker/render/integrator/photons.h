@@ -22,8 +22,8 @@ typedef struct {
     vec3_t wo;        /* unit direction to the vertex before it */
     rgb_t throughput; /* as that of a vertex_t */
     float direct, inner;
-    uint32_t light; /* where it comes from */
-    int32_t depth;
+    uint32_t light;                /* where it comes from */
+    int32_t depth, length, within; /* as of a vertex_t */
 } photon_t;
 
 typedef struct photon_set {

@@ -71,6 +71,11 @@ static void pass_media(walk_t *walk, sample_t *sample, bool hit, vertex_t *verte
         hit = look_on(walk, sample, from, vertex);
     }
     vertex->media[0] = vertex->media[1] = walk->medium.number;
+    if (is_inner(sample->setup, start, walk->medium.number)) {
+        vertex->came_within = true;
+        walk->length--;
+        walk->within++;
+    }
     if (vertex->kind == VERTEX_SKY) return;
     if (!walk->parallel && (walk->medium.number != 0 || start != 0)) {
         float length = v_length(v_sub(vertex_point(vertex), walk->point));
@@ -79,6 +84,7 @@ static void pass_media(walk_t *walk, sample_t *sample, bool hit, vertex_t *verte
     }
     if (vertex->kind == VERTEX_SURFACE && vertex->surface.shape->flags & SHAPE_INTERFACE)
         for (int i = 0; i < 2; i++) vertex->media[i] = vertex->surface.shape->media[i];
+    for (int i = 0; i < 2; i++) vertex->bounds = vertex->bounds || media_is_body(media, vertex->media[i]);
 }
 
 void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
@@ -87,11 +93,15 @@ void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
     vertex->kind = hit ? VERTEX_SURFACE : VERTEX_SKY;
     vertex->mode = walk->mode;
     vertex->depth = ++walk->depth;
+    vertex->came_within = vertex->bounds = false;
+    walk->length++;
     vertex->first = !walk->scattered;
     vertex->media[0] = vertex->media[1] = 0;
     vertex->wo = v_neg(walk->direction);
     vertex->throughput = walk->throughput;
     if (sample->setup->media != NULL) pass_media(walk, sample, hit, vertex);
+    vertex->length = walk->length;
+    vertex->within = walk->within;
     vertex->dimension = walk->dimension += DIMENSION_STRIDE;
     if (vertex->kind == VERTEX_SKY) {
         vertex->surface.p = walk->point;
@@ -131,7 +141,8 @@ bool walk_scatter(walk_t *walk, const sample_t *sample, const vertex_t *vertex)
         walk->throughput = v_scale(walk->throughput, vertex_adjoint(vertex, next.wi));
     walk->reference *= next.squeeze;
     if (walk->depth >= walk->roulette.from) {
-        float survive = float_min(walk->roulette.most, v_max(walk->throughput) / walk->reference);
+        float most = vertex->bounds ? 1 : walk->roulette.most; /* long ways there are the rule */
+        float survive = float_min(most, v_max(walk->throughput) / walk->reference);
         if (!(choices.y < survive)) return false;
         walk->throughput = v_scale(walk->throughput, 1 / survive);
     }

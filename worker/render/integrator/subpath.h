@@ -73,6 +73,8 @@ typedef struct {
     roulette_t roulette;
     float reference;          /* brightness that Russian roulette compares the throughput with */
     int depth;                /* i - 1 */
+    int length;               /* segments up to vertex i - 1 that count, */
+    int within;               /* and those within bodies, which do not */
     uint32_t dimension;       /* where the random numbers of vertex i - 1 begin */
     vec3_t origin, direction; /* of the ray */
     vec3_t point;             /* vertex i - 1 */
@@ -116,12 +118,14 @@ static inline float first_light_count(const setup_t *setup, uint32_t light)
 /* Eye vertices choose whom of a whole block's light vertices they are joined to (light_pool.h), which makes s
  * >= 2, t >= 2 far better than one random light vertex would be. */
 static const float inner_worth = 16;
+/* Those within a body are not: many vertices lie side by side, and few of them are joined (vertex_joins). */
+static const float body_worth = 0.25f;
 
 /* How many the strategy that joins the vertex to the one before it counts as: `last` where that is vertex 0,
  * which makes it t = 1 of an eye subpath, s = 1 of a light subpath. */
 static inline float strategy_count(const vertex_t *vertex, float last)
 {
-    return vertex->depth == 1 ? last : inner_worth;
+    return vertex->depth == 1 ? last : vertex->came_within ? body_worth : inner_worth;
 }
 
 /* The eye subpath of the sample. Settles the sample's weight: where that is 0 nothing is to be seen. */
@@ -219,6 +223,71 @@ static inline void walk_weigh_merging(walk_t *walk, vertex_t *vertex, float eta)
 bool walk_scatter(walk_t *walk, const sample_t *sample, const vertex_t *vertex);
 /* Goes on in a given direction, in which the vertex scatters as `value` says; the density is 1 / `factor`. */
 void walk_turn(walk_t *walk, const vertex_t *vertex, vec3_t w, const bsdf_value_t *value, float factor);
+
+/* ---- how long paths may be -----------------------------------------------------------------------------
+ *
+ * Segments within a body (blob_material_t) do not count against the depth of a job: light is scattered there
+ * hundreds of times before it comes out. They have a bound of their own. Both are functions of the path
+ * alone, and the same whichever strategy makes it. */
+
+/* Reached where a body neither absorbs nor ends alone, of which it keeps back 1 / sqrt(pi WITHIN_MOST). */
+enum { WITHIN_MOST = 1 << 14 };
+
+/* Whether a segment lies within bodies, from the media at its ends. */
+static inline bool is_inner(const setup_t *setup, blob_ref_t a, blob_ref_t b)
+{
+    return media_is_body(setup->media, a) && media_is_body(setup->media, b);
+}
+
+/* False when the subpath has become longer than a path may be. */
+static inline bool vertex_is_near(const vertex_t *vertex, const setup_t *setup)
+{
+    return vertex->length <= setup_max_segments(setup) && vertex->within <= WITHIN_MOST;
+}
+
+/* Whether a subpath may go on that has room for so many segments that count. */
+static inline bool vertex_has_room(const vertex_t *vertex, int segments)
+{
+    return vertex->length < segments || vertex->bounds;
+}
+
+/* Whether the vertex of one subpath may be joined to where another one is, whose length is given, by a
+ * segment between these media. */
+static inline bool join_is_near(const setup_t *setup, const vertex_t *vertex, blob_ref_t medium, int length,
+                                int within, blob_ref_t other)
+{
+    if (!media_has_bodies(setup->media)) return true; /* as subpaths see to */
+    bool inner = is_inner(setup, medium, other);
+    return vertex->length + length + !inner <= setup_max_segments(setup) &&
+           vertex->within + within + inner <= WITHIN_MOST;
+}
+
+/* The segments that may count of a light subpath: one is left to what joins it to the camera. */
+static inline int light_segments(const setup_t *setup)
+{
+    return setup_max_segments(setup) - !media_is_body(setup->media, setup->medium);
+}
+
+/* How often a vertex is joined to others, which counts the more then: a subpath has many in a body, which
+ * bring little each, but for those on its surface. So there are about 8 log(within) of them. A function of the
+ * vertex; the chances of strategies, as weights know them, are those without it. */
+static inline float joining_chance(const vertex_t *vertex)
+{
+    const float surely = vertex->kind == VERTEX_MEDIUM ? 8 : 64;
+    return vertex->bounds && (float)vertex->within > surely ? surely / (float)vertex->within : 1;
+}
+
+/* Whether it is, by the numbers of the sample; *throughput, the vertex's, is then raised to what it counts for
+ * this. */
+static inline bool vertex_joins(const vertex_t *vertex, const sample_t *sample, rgb_t *throughput)
+{
+    float chance = joining_chance(vertex);
+    if (chance == 1) return true;
+    sampler_t numbers = sample_side_stream(sample, vertex->dimension + DIMENSION_JOINING);
+    if (!(sampler_1d(&numbers) < chance)) return false;
+    *throughput = v_scale(vertex->throughput, 1 / chance);
+    return true;
+}
 
 /* share_i of the vertex at the junction, all as above; `count`: how often the strategy next to this one draws
  * for once of the others. */

@@ -22,6 +22,9 @@ typedef struct {
     vertex_kind_t kind;
     transport_t mode;    /* of its subpath */
     int depth;           /* i */
+    int length, within;  /* as in walk_t */
+    bool came_within;    /* the segment before it lies in a body */
+    bool bounds;         /* it lies in a body, or on what parts one from other media */
     bool first;          /* nothing but mirrors and clear glass lies between it and the subpath's start */
     uint32_t dimension;  /* where its random numbers begin */
     blob_ref_t media[2]; /* on the side away from the geometric normal, and on that of it */
@@ -66,10 +69,12 @@ static inline bool vertex_is_for_eyes(const vertex_t *vertex)
     return vertex->kind == VERTEX_SURFACE && vertex->surface.fibre;
 }
 
-/* False when light that arrives nearby says nothing about it. */
+/* False when light that arrives nearby says nothing about it; or on the surface of a body, which paths meet
+ * so often from within that there would be no bound on the number of photons. */
 static inline bool vertex_is_mergeable(const vertex_t *vertex)
 {
-    return vertex->kind == VERTEX_SURFACE && !vertex_is_for_eyes(vertex) && bsdf_is_broad(&vertex->bsdf);
+    return vertex->kind == VERTEX_SURFACE && !vertex->bounds && !vertex_is_for_eyes(vertex) &&
+           bsdf_is_broad(&vertex->bsdf);
 }
 
 /* Light that is scattered between wo and w: as bsdf_eval. */

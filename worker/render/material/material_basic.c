@@ -28,6 +28,7 @@ void material_dielectric(const shading_t *shading)
     float alpha[2], ior = lobe_sane_ior(shading_number(shading, VALUE_ETA));
     rgb_t r = shading_colour(shading, VALUE_REFLECTANCE), t = shading_colour(shading, VALUE_TRANSMITTANCE);
     bool rough = shading_alphas(shading, VALUE_ROUGHNESS_U, VALUE_ROUGHNESS_V, alpha);
+    if (shading->material->flags & MATERIAL_TINTED_BODY) t = v_mul(t, shading_root(shading, VALUE_ALBEDO));
     if (shading->material->flags & MATERIAL_THIN)
         shading_add_dielectric(shading, &lobe_pane, r, t, ior, alpha);
     else if (rough && fabsf(ior - 1) >= LOBE_LEAST_REFRACTION)

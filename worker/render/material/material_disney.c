@@ -1,4 +1,5 @@
-/* material_disney: Disney's principled BSDF as pbrt-v3 defines it, without subsurface scattering. */
+/* material_disney: Disney's principled BSDF as pbrt-v3 defines it. Over a body that scatters light below the
+ * surface it has the interface of a dielectric, of the same roughness, in the place of what is diffuse. */
 #include "worker/render/material/material.h"
 
 static float unit(const shading_t *shading, material_value_t value)
@@ -20,7 +21,6 @@ static rgb_t tint_of(rgb_t colour)
 static void add_diffuse(const shading_t *shading, rgb_t colour, float weight, float transmitted)
 {
     float flatness = 0, kept = 1, roughness = unit(shading, VALUE_ROUGHNESS_U);
-    float amount = float_max(shading_number(shading, VALUE_SHEEN), 0);
     if (shading->material->flags & MATERIAL_THIN) {
         flatness = unit(shading, VALUE_FLATNESS);
         kept = 1 - transmitted;
@@ -33,6 +33,11 @@ static void add_diffuse(const shading_t *shading, rgb_t colour, float weight, fl
         lobe->disney_diffuse.retro = 1;
         lobe->disney_diffuse.roughness = roughness;
     }
+}
+
+static void add_sheen(const shading_t *shading, rgb_t colour, float weight)
+{
+    float amount = float_max(shading_number(shading, VALUE_SHEEN), 0);
     if (amount == 0) return;
     rgb_t sheen =
         v_scale(mix(unit(shading, VALUE_SHEEN_TINT), vec3(1, 1, 1), tint_of(colour)), weight * amount);
@@ -47,14 +52,16 @@ static void set_alphas(const shading_t *shading, float roughness, float alpha[2]
     alpha[1] = float_max(1e-3f, alpha0 * aspect);
 }
 
-static void add_specular(const shading_t *shading, rgb_t colour, float metallic, float ior,
+/* `weight`: of all of it. */
+static void add_specular(const shading_t *shading, rgb_t colour, float metallic, float weight, float ior,
                          const float alpha[2])
 {
     float mean = fresnel_dielectric_mean(ior), normal = (ior - 1) / (ior + 1);
     /* About the albedo, and never black, since what a black metal reflects at grazing angles is white. */
     rgb_t albedo = mix(metallic, vec3(mean, mean, mean), colour);
     albedo = vec3(float_max(albedo.x, 0.01f), float_max(albedo.y, 0.01f), float_max(albedo.z, 0.01f));
-    lobe_t *lobe = shading_add(shading, &lobe_disney_specular, albedo, v_max(albedo));
+    lobe_t *lobe =
+        shading_add(shading, &lobe_disney_specular, v_scale(albedo, weight), weight * v_max(albedo));
     if (lobe == NULL) return;
     lobe->disney_specular.factor = vec3(1 / albedo.x, 1 / albedo.y, 1 / albedo.z);
     rgb_t tinted = mix(unit(shading, VALUE_SPECULAR_TINT), vec3(1, 1, 1), tint_of(colour));
@@ -91,6 +98,15 @@ static void add_transmission(const shading_t *shading, rgb_t colour, float amoun
     lobe->dielectric.separable = !thin;
 }
 
+/* What light enters a body through, and comes out again. What it reflects is that of a dielectric. */
+static void add_interface(const shading_t *shading, float weight, float ior, const float alpha[2])
+{
+    bool smooth = fabsf(ior - 1) < LOBE_LEAST_REFRACTION;
+    shading_add_dielectric(shading, smooth ? &lobe_smooth_dielectric : &lobe_rough_dielectric,
+                           vec3(weight, weight, weight), v_scale(shading_root(shading, VALUE_ALBEDO), weight),
+                           ior, alpha);
+}
+
 void material_disney(const shading_t *shading)
 {
     rgb_t colour = shading_colour(shading, VALUE_REFLECTANCE);
@@ -99,9 +115,17 @@ void material_disney(const shading_t *shading)
     float weight = (1 - metallic) * (1 - transmission);
     /* pbrt-v3's 0 reflects all and 2 transmits all. */
     float transmitted = float_clamp(0.5f * shading_number(shading, VALUE_DIFFUSE_TRANSMISSION), 0, 1);
-    add_diffuse(shading, colour, weight, transmitted);
     set_alphas(shading, unit(shading, VALUE_ROUGHNESS_U), alpha);
-    add_specular(shading, colour, metallic, ior, alpha);
+    if (shading->material->flags & MATERIAL_TINTED_BODY) {
+        add_interface(shading, 1 - metallic, ior, alpha);
+        add_sheen(shading, colour, weight);
+        add_specular(shading, colour, 1, metallic, ior, alpha);
+        add_clearcoat(shading);
+        return;
+    }
+    add_diffuse(shading, colour, weight, transmitted);
+    add_sheen(shading, colour, weight);
+    add_specular(shading, colour, metallic, 1, ior, alpha);
     add_clearcoat(shading);
     add_transmission(shading, colour, transmission, ior, alpha);
     if (shading->material->flags & MATERIAL_THIN) {

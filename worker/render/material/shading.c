@@ -35,6 +35,12 @@ float shading_number(const shading_t *shading, material_value_t value)
     return sane(value_at(shading, value).x, -LARGEST_VALUE);
 }
 
+rgb_t shading_root(const shading_t *shading, material_value_t value)
+{
+    rgb_t c = shading_colour(shading, value);
+    return vec3(sqrtf(float_min(c.x, 1)), sqrtf(float_min(c.y, 1)), sqrtf(float_min(c.z, 1)));
+}
+
 /* pbrt-v3's fit of an alpha to its older Blinn exponent (TrowbridgeReitzDistribution::RoughnessToAlpha). */
 static float alpha_v3(float roughness)
 {

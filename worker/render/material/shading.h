@@ -22,6 +22,8 @@ struct shading {
 
 /* Values of the material at the point, bounded by 1e6; colours are not negative. */
 rgb_t shading_colour(const shading_t *shading, material_value_t value);
+/* The root of a colour that is at most 1. */
+rgb_t shading_root(const shading_t *shading, material_value_t value);
 float shading_number(const shading_t *shading, material_value_t value);
 /* The alphas of the Trowbridge-Reitz distribution from the values `u` and `v`, remapped as the material's
  * flags say, at least 1e-4 each; false when the surface counts as smooth. */

@@ -5,56 +5,77 @@
 
 #include <stdlib.h>
 
-enum { MOST_BLOCKS_ALONG = 64, LEAST_BLOCK = 4, SMALL = 64 };
+enum { MOST_BLOCKS_ALONG = 64, LEAST_BLOCK = 4, SMALL = 64, CLOUD_LAYERS = 32 };
 
 struct density {
-    const float *cells;
-    int count[3];  /* cells along each axis */
-    int side;      /* of a block, in cells */
+    field_t field;
+    bool small;
+    float side[3]; /* of a block, in cells */
     int blocks[3]; /* along each axis */
     float *most;   /* of each block */
-    xform_t from_world;
 };
 
-static size_t cell_index(const int count[3], int x, int y, int z)
+static size_t block_index(const int count[3], const int block[3])
 {
-    return ((size_t)z * (size_t)count[1] + (size_t)y) * (size_t)count[0] + (size_t)x;
+    return ((size_t)block[2] * (size_t)count[1] + (size_t)block[1]) * (size_t)count[0] + (size_t)block[0];
 }
 
-/* The largest density of the cells that a block's own places are interpolated from. */
-static float most_of_block(const density_t *d, const int block[3])
+/* Cuts the box into blocks. A cloud's bounds differ by height alone. */
+static void lay_out_blocks(density_t *d)
 {
-    int low[3], high[3];
-    float most = 0;
-    for (int i = 0; i < 3; i++) {
-        low[i] = int_max(block[i] * d->side - 1, 0);
-        high[i] = int_min((block[i] + 1) * d->side, d->count[i] - 1);
+    const float *span = d->field.record->span;
+    if (d->field.record->kind == FIELD_CLOUD) {
+        for (int i = 0; i < 3; i++) {
+            d->blocks[i] = i == 1 ? CLOUD_LAYERS : 1;
+            d->side[i] = span[i] / (float)d->blocks[i];
+        }
+        return;
     }
-    for (int z = low[2]; z <= high[2]; z++)
-        for (int y = low[1]; y <= high[1]; y++)
-            for (int x = low[0]; x <= high[0]; x++)
-                most = float_max(most, d->cells[cell_index(d->count, x, y, z)]);
-    return most;
+    int largest = (int)ceilf(float_max(span[0], float_max(span[1], span[2])));
+    int side = int_max((largest + MOST_BLOCKS_ALONG - 1) / MOST_BLOCKS_ALONG, LEAST_BLOCK);
+    for (int i = 0; i < 3; i++) {
+        d->side[i] = (float)side;
+        d->blocks[i] = ((int)ceilf(span[i]) + side - 1) / side;
+    }
 }
 
-density_t *density_new(const scene_blob_t *blob, const blob_medium_t *medium)
+/* The largest density of the cells that each block's own places are interpolated from. */
+static void bound_blocks(density_t *d, const field_t *field)
 {
-    density_t *d = mem_zalloc(1, sizeof *d);
-    d->cells = blob->numbers + medium->first_density;
-    xform_invert(&medium->world_from_grid, &d->from_world);
-    int largest = 1;
-    for (int i = 0; i < 3; i++) {
-        d->count[i] = (int)medium->cells[i];
-        largest = int_max(largest, d->count[i]);
-    }
-    d->side = int_max((largest + MOST_BLOCKS_ALONG - 1) / MOST_BLOCKS_ALONG, LEAST_BLOCK);
-    for (int i = 0; i < 3; i++) d->blocks[i] = (d->count[i] + d->side - 1) / d->side;
+    const float *origin = field->record->origin;
     d->most = mem_alloc((size_t)d->blocks[0] * (size_t)d->blocks[1] * (size_t)d->blocks[2] * sizeof *d->most);
     int b[3];
+    float low[3], high[3];
     for (b[2] = 0; b[2] < d->blocks[2]; b[2]++)
         for (b[1] = 0; b[1] < d->blocks[1]; b[1]++)
-            for (b[0] = 0; b[0] < d->blocks[0]; b[0]++)
-                d->most[cell_index(d->blocks, b[0], b[1], b[2])] = most_of_block(d, b);
+            for (b[0] = 0; b[0] < d->blocks[0]; b[0]++) {
+                for (int i = 0; i < 3; i++) {
+                    low[i] = (float)b[i] * d->side[i] + origin[i];
+                    high[i] = (float)(b[i] + 1) * d->side[i] + origin[i];
+                }
+                d->most[block_index(d->blocks, b)] = field_most(field, low, high);
+            }
+}
+
+density_t *density_new(const scene_blob_t *blob, blob_ref_t ref)
+{
+    density_t *d = mem_zalloc(1, sizeof *d);
+    d->field = field_open(blob, ref);
+    const int *n = d->field.cells;
+    d->small = n[0] > 0 && int_max(n[0], int_max(n[1], n[2])) <= SMALL;
+    lay_out_blocks(d);
+    bound_blocks(d, &d->field);
+    return d;
+}
+
+density_t *density_of_cells(const scene_blob_t *blob, blob_ref_t ref, const float *cells)
+{
+    density_t *d = mem_zalloc(1, sizeof *d);
+    d->field = field_open(blob, ref);
+    field_t own = d->field;
+    own.numbers = cells;
+    lay_out_blocks(d);
+    bound_blocks(d, &own);
     return d;
 }
 
@@ -65,28 +86,6 @@ void density_destroy(density_t **density)
     free(self->most);
     free(self);
     *density = NULL;
-}
-
-static float cell_at(const density_t *d, int x, int y, int z)
-{
-    if (x < 0 || x >= d->count[0] || y < 0 || y >= d->count[1] || z < 0 || z >= d->count[2]) return 0;
-    return d->cells[cell_index(d->count, x, y, z)];
-}
-
-/* The densities at the corners of a cube between the middles of eight cells, the first of which is that. */
-static void corners_at(const density_t *d, const int first[3], float corners[8])
-{
-    for (int k = 0; k < 8; k++)
-        corners[k] = cell_at(d, first[0] + (k & 1), first[1] + (k >> 1 & 1), first[2] + (k >> 2));
-}
-
-/* What is interpolated between them. */
-static float between(const float corners[8], const float part[3])
-{
-    float lines[4], faces[2];
-    for (int k = 0; k < 4; k++) lines[k] = corners[2 * k] + part[0] * (corners[2 * k + 1] - corners[2 * k]);
-    for (int k = 0; k < 2; k++) faces[k] = lines[2 * k] + part[1] * (lines[2 * k + 1] - lines[2 * k]);
-    return faces[0] + part[2] * (faces[1] - faces[0]);
 }
 
 /* ---- along a ray --------------------------------------------------------------------------------------- */
@@ -105,9 +104,9 @@ static void clip(march_t *march, float origin, float direction, float size)
 
 void march_begin(march_t *march, const density_t *d, vec3_t from, vec3_t direction, float distance)
 {
-    vec3_t o = xform_point(&d->from_world, from), w = xform_vector(&d->from_world, direction);
-    vec3_t scale = vec3((float)d->count[0] / (float)d->side, (float)d->count[1] / (float)d->side,
-                        (float)d->count[2] / (float)d->side);
+    const float *span = d->field.record->span;
+    vec3_t o = xform_point(&d->field.from_world, from), w = xform_vector(&d->field.from_world, direction);
+    vec3_t scale = vec3(span[0] / d->side[0], span[1] / d->side[1], span[2] / d->side[2]);
     *march =
         (march_t){.density = d, .origin = v_mul(o, scale), .direction = v_mul(w, scale), .end = distance};
     clip(march, march->origin.x, march->direction.x, scale.x);
@@ -120,27 +119,19 @@ void march_begin(march_t *march, const density_t *d, vec3_t from, vec3_t directi
     for (int i = 0; i < 3; i++) march->block[i] = (int)float_clamp(at[i], 0, (float)(d->blocks[i] - 1));
 }
 
-/* A place of the ray among the middles of cells. */
-static void place_along(const march_t *march, float t, float at[3])
+void density_place(const march_t *march, float t, float place[3])
 {
-    float side = (float)march->density->side;
-    at[0] = (march->origin.x + t * march->direction.x) * side - 0.5f;
-    at[1] = (march->origin.y + t * march->direction.y) * side - 0.5f;
-    at[2] = (march->origin.z + t * march->direction.z) * side - 0.5f;
+    const float *side = march->density->side, *origin = march->density->field.record->origin;
+    place[0] = (march->origin.x + t * march->direction.x) * side[0] + origin[0];
+    place[1] = (march->origin.y + t * march->direction.y) * side[1] + origin[1];
+    place[2] = (march->origin.z + t * march->direction.z) * side[2] + origin[2];
 }
 
 float density_along(const march_t *march, float t)
 {
-    float at[3], corners[8];
-    int first[3];
-    place_along(march, t, at);
-    for (int i = 0; i < 3; i++) {
-        float below = floorf(at[i]);
-        first[i] = (int)below;
-        at[i] -= below;
-    }
-    corners_at(march->density, first, corners);
-    return between(corners, at);
+    float place[3];
+    density_place(march, t, place);
+    return field_number(&march->density->field, place);
 }
 
 /* How far along the ray it leaves the block across an axis. */
@@ -160,7 +151,7 @@ bool march_next(march_t *march, float *begin, float *end, float *most)
     int axis = at[0] <= at[1] ? (at[0] <= at[2] ? 0 : 2) : (at[1] <= at[2] ? 1 : 2);
     *begin = march->at;
     *end = float_min(float_max(at[axis], march->at), march->end);
-    *most = d->most[cell_index(d->blocks, march->block[0], march->block[1], march->block[2])];
+    *most = d->most[block_index(d->blocks, march->block)];
     const float directions[3] = {march->direction.x, march->direction.y, march->direction.z};
     march->block[axis] += directions[axis] > 0 ? 1 : -1;
     bool left = march->block[axis] < 0 || march->block[axis] >= d->blocks[axis] || !(at[axis] < march->end);
@@ -172,7 +163,7 @@ bool march_next(march_t *march, float *begin, float *end, float *most)
 
 bool density_is_small(const density_t *d)
 {
-    return int_max(d->count[0], int_max(d->count[1], d->count[2])) <= SMALL;
+    return d->small;
 }
 
 /* The ray in one cube between the middles of cells, where the density is a polynomial of the third degree. */
@@ -185,9 +176,9 @@ typedef struct {
 static float density_in(const cube_t *cube, float t)
 {
     float at[3];
-    place_along(cube->march, t, at);
+    density_place(cube->march, t, at);
     for (int i = 0; i < 3; i++) at[i] = float_clamp(at[i] - (float)cube->first[i], 0, 1);
-    return between(cube->corners, at);
+    return field_between(cube->corners, at);
 }
 
 /* The integral over a part of the ray in it, by Simpson's rule, which is exact here. */
@@ -214,11 +205,12 @@ static float find_in_cube(const cube_t *cube, float begin, float end, float want
 /* Goes through a piece of the ray, cube by cube, until the integral is `wanted`; *sum grows until then. */
 static bool find_in_piece(const march_t *march, float begin, float end, float wanted, float *sum, float *at)
 {
-    float side = (float)march->density->side, place[3], next[3], step[3];
-    const float direction[3] = {march->direction.x * side, march->direction.y * side,
-                                march->direction.z * side};
+    const float *side = march->density->side;
+    float place[3], next[3], step[3];
+    const float direction[3] = {march->direction.x * side[0], march->direction.y * side[1],
+                                march->direction.z * side[2]};
     cube_t cube = {.march = march};
-    place_along(march, begin, place);
+    density_place(march, begin, place);
     for (int i = 0; i < 3; i++) {
         cube.first[i] = (int)floorf(place[i]);
         float rest =
@@ -230,7 +222,7 @@ static bool find_in_piece(const march_t *march, float begin, float end, float wa
         int axis = next[0] <= next[1] ? (next[0] <= next[2] ? 0 : 2) : (next[1] <= next[2] ? 1 : 2);
         float leave = float_min(next[axis], end);
         if (leave > begin) {
-            corners_at(march->density, cube.first, cube.corners);
+            field_corners(&march->density->field, cube.first, cube.corners);
             float more = integrate(&cube, begin, leave);
             if (*sum + more > wanted) {
                 *at = find_in_cube(&cube, begin, leave, wanted - *sum);

@@ -1,19 +1,21 @@
-/* density: how dense a medium is from place to place: a grid over a box (blob_medium_t), and bounds on it
- * along rays, for tracking.
+/* density: how dense a medium is from place to place (field.h), and bounds on it along rays, for tracking.
  *
  * Cells make up blocks, whose largest densities are kept: a ray is a run of pieces, each with a bound that
  * holds on it (Fong, Wrenninge, Kulla and Habel 2017, "Production Volume Rendering"). Trilinear interpolation
- * reaches one cell beyond a block, so that cell counts in its bound.
+ * reaches one cell beyond a block, so that cell counts in its bound. A cloud has bounds by height.
  */
 #ifndef LIGHTMILL_DENSITY_H
 #define LIGHTMILL_DENSITY_H
 
-#include "common/scene/scene_blob.h"
+#include "worker/render/medium/field.h"
 
 typedef struct density density_t;
 
-/* Of a medium whose cells are not 0; the blob must outlive it. */
-density_t *density_new(const scene_blob_t *blob, const blob_medium_t *medium);
+/* Of a field of numbers of the blob, which must outlive it. */
+density_t *density_new(const scene_blob_t *blob, blob_ref_t field);
+/* Of other numbers in the cells of a field of FIELD_CELLS, one for each, which are not kept: it is good for
+ * bounds and places alone. */
+density_t *density_of_cells(const scene_blob_t *blob, blob_ref_t field, const float *cells);
 /* Frees it and sets *density to NULL. */
 void density_destroy(density_t **density);
 /* True when integrals along rays cost little. */
@@ -36,7 +38,9 @@ void march_begin(march_t *march, const density_t *density, vec3_t from, vec3_t d
 /* Goes on to the next piece: it lies between the distances *begin and *end, and has at most the density
  * *most, which may be 0. False when there is none. */
 bool march_next(march_t *march, float *begin, float *end, float *most);
-/* The density at a distance that lies on one of its pieces. */
+/* The place in the field at a distance that lies on one of its pieces. */
+void density_place(const march_t *march, float distance, float place[3]);
+/* The density there. */
 float density_along(const march_t *march, float distance);
 
 #endif

@@ -7,18 +7,70 @@
 #include <stdlib.h>
 
 typedef struct {
-    rgb_t scattering, extinction, emission;
-    float most; /* of the extinction, by channel */
+    rgb_t absorption, scattering, extinction, emission;
+    float most; /* of the extinction, by channel, over the density's bound */
     float mean; /* of the scattering */
     float g;
-    bool emits;
+    bool emits, is_body;
     density_t *density; /* NULL: 1 everywhere */
+    bool tinted;        /* the density has bounds alone; a place has the tints: */
+    field_t absorption_tint, scattering_tint, emission_tint, temperature;
+    float coldest, hottest;
+    const float *glow; /* [BLOB_GLOW_STEPS][3] */
 } matter_t;
 
 struct media {
     uint32_t count;
+    bool has_bodies;
     matter_t matter[]; /* [count] */
 };
+
+/* What a tint's cell makes of a coefficient. */
+static rgb_t tint_cell(rgb_t coefficient, const field_t *tint, size_t cell)
+{
+    if (tint->record == NULL) return coefficient;
+    const float *c = tint->numbers + 3 * cell;
+    return v_mul(coefficient, vec3(c[0], c[1], c[2]));
+}
+
+/* The density of a medium that has tints: bounds on the extinction, by the largest channel of each cell. */
+static density_t *bound_tints(const scene_blob_t *blob, const blob_medium_t *record, const matter_t *m)
+{
+    blob_ref_t box = record->absorption_tint != 0 ? record->absorption_tint : record->scattering_tint;
+    const uint32_t *n = blob->fields[box - 1].cells;
+    size_t count = (size_t)n[0] * n[1] * n[2];
+    float *cells = mem_alloc(count * sizeof *cells);
+    for (size_t i = 0; i < count; i++)
+        cells[i] = v_max(v_add(tint_cell(m->absorption, &m->absorption_tint, i),
+                               tint_cell(m->scattering, &m->scattering_tint, i)));
+    density_t *density = density_of_cells(blob, box, cells);
+    free(cells);
+    return density;
+}
+
+static void prepare(const scene_blob_t *blob, const blob_medium_t *record, matter_t *m)
+{
+    m->absorption = record->absorption;
+    m->scattering = record->scattering;
+    m->extinction = v_add(record->absorption, record->scattering);
+    m->emission = record->emission;
+    m->most = v_max(m->extinction);
+    m->mean = v_dot(m->scattering, vec3(1, 1, 1)) / 3;
+    m->g = record->g;
+    m->emits = !v_is_zero(record->emission);
+    m->absorption_tint = field_open(blob, record->absorption_tint);
+    m->scattering_tint = field_open(blob, record->scattering_tint);
+    m->emission_tint = field_open(blob, record->emission_tint);
+    m->temperature = field_open(blob, record->temperature);
+    m->coldest = record->coldest;
+    m->hottest = record->hottest;
+    if (record->temperature != 0) m->glow = blob->numbers + record->first_glow;
+    if (record->density != 0) m->density = density_new(blob, record->density);
+    m->tinted = m->absorption_tint.record != NULL || m->scattering_tint.record != NULL;
+    if (!m->tinted) return;
+    m->density = bound_tints(blob, record, m);
+    m->most = 1;
+}
 
 media_t *media_new(const scene_blob_t *blob, bool empty)
 {
@@ -26,18 +78,10 @@ media_t *media_new(const scene_blob_t *blob, bool empty)
     if (count == 0) return NULL;
     media_t *media = mem_zalloc(1, sizeof *media + count * sizeof(matter_t));
     media->count = count;
-    for (uint32_t i = 0; i < count && !empty; i++) {
-        const blob_medium_t *record = &blob->media[i];
-        matter_t *m = &media->matter[i];
-        m->scattering = record->scattering;
-        m->extinction = v_add(record->absorption, record->scattering);
-        m->emission = record->emission;
-        m->most = v_max(m->extinction);
-        m->mean = v_dot(m->scattering, vec3(1, 1, 1)) / 3;
-        m->g = record->g;
-        m->emits = !v_is_zero(record->emission);
-        if (record->cells[0] > 0) m->density = density_new(blob, record);
-    }
+    for (uint32_t i = 0; i < count && !empty; i++) prepare(blob, &blob->media[i], &media->matter[i]);
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_MATERIALS] && !empty; i++)
+        if (blob->materials[i].body != 0)
+            media->has_bodies = media->matter[blob->materials[i].body - 1].is_body = true;
     return media;
 }
 
@@ -53,6 +97,16 @@ void media_destroy(media_t **media)
 bool media_emits(const media_t *media, blob_ref_t medium)
 {
     return medium != 0 && media->matter[medium - 1].emits;
+}
+
+bool media_is_body(const media_t *media, blob_ref_t medium)
+{
+    return medium != 0 && media->matter[medium - 1].is_body;
+}
+
+bool media_has_bodies(const media_t *media)
+{
+    return media != NULL && media->has_bodies;
 }
 
 /* ---- numbers ------------------------------------------------------------------------------------------- */
@@ -163,21 +217,44 @@ static bool collides(float bound, float end, float *at, float *left)
     return false;
 }
 
-/* A tentative collision where the extinction is at most `bound`; true when light is scattered. */
-static bool collide(const matter_t *m, float density, float bound, media_numbers_t *numbers,
-                    rgb_t *throughput)
+/* The coefficients at a place of a ray, over the bound on the extinction. */
+typedef struct {
+    rgb_t scattering, extinction;
+} rates_t;
+
+static rgb_t tint(rgb_t coefficient, const field_t *by, const float place[3])
 {
-    rgb_t scattering = v_scale(m->scattering, density / bound),
-          extinction = v_scale(m->extinction, density / bound);
-    float chance = float_min(v_dot(shares_of(*throughput), scattering), 1);
+    return by->record != NULL ? v_mul(coefficient, field_colour(by, place)) : coefficient;
+}
+
+static rates_t rates_at(const matter_t *m, const march_t *march, float t, float bound)
+{
+    if (!m->tinted) {
+        float scale = density_along(march, t) / bound;
+        return (rates_t){v_scale(m->scattering, scale), v_scale(m->extinction, scale)};
+    }
+    float place[3];
+    density_place(march, t, place);
+    rgb_t scattering = v_scale(tint(m->scattering, &m->scattering_tint, place), 1 / bound),
+          absorption = v_scale(tint(m->absorption, &m->absorption_tint, place), 1 / bound);
+    return (rates_t){scattering, v_add(absorption, scattering)};
+}
+
+/* What is left of light that a tentative collision may have scattered or absorbed. */
+static rgb_t rest_of(rgb_t lost)
+{
+    return vec3(float_max(1 - lost.x, 0), float_max(1 - lost.y, 0), float_max(1 - lost.z, 0));
+}
+
+/* A tentative collision; true when light is scattered. */
+static bool collide(const rates_t *rates, media_numbers_t *numbers, rgb_t *throughput)
+{
+    float chance = float_min(v_dot(shares_of(*throughput), rates->scattering), 1);
     if (next_number(numbers) < chance) {
-        *throughput = v_mul(*throughput, v_scale(v_scale(m->scattering, density / bound), 1 / chance));
+        *throughput = v_mul(*throughput, v_scale(rates->scattering, 1 / chance));
         return true;
     }
-    float scale = 1 / (1 - chance);
-    *throughput = v_mul(*throughput,
-                        vec3(float_max(1 - extinction.x, 0) * scale, float_max(1 - extinction.y, 0) * scale,
-                             float_max(1 - extinction.z, 0) * scale));
+    *throughput = v_mul(*throughput, v_scale(rest_of(rates->extinction), 1 / (1 - chance)));
     return false;
 }
 
@@ -191,8 +268,8 @@ static bool scatter_in_grid(const matter_t *m, vec3_t from, vec3_t direction, fl
         float bound = most * m->most;
         if (!(bound > 0)) continue;
         for (float t = begin; collides(bound, end, &t, &free); free = next_collision(numbers)) {
-            float density = density_along(&march, t);
-            if (collide(m, density, bound, numbers, throughput)) {
+            rates_t rates = rates_at(m, &march, t, bound);
+            if (collide(&rates, numbers, throughput)) {
                 *at = t;
                 return true;
             }
@@ -214,9 +291,7 @@ static rgb_t transmit_grid(const matter_t *m, vec3_t from, vec3_t direction, flo
         float bound = most * m->most;
         if (!(bound > 0)) continue;
         for (float t = begin; collides(bound, end, &t, &free); free = next_collision(numbers)) {
-            rgb_t lost = v_scale(m->extinction, density_along(&march, t) / bound);
-            left = v_mul(left,
-                         vec3(float_max(1 - lost.x, 0), float_max(1 - lost.y, 0), float_max(1 - lost.z, 0)));
+            left = v_mul(left, rest_of(rates_at(m, &march, t, bound).extinction));
             float chance = v_max(left);
             if (!(chance > 0)) return left;
             if (chance < faint) { /* Russian roulette */
@@ -226,6 +301,38 @@ static rgb_t transmit_grid(const matter_t *m, vec3_t from, vec3_t direction, flo
         }
     }
     return left;
+}
+
+/* The colour of what has a temperature. */
+static rgb_t glow_of(const matter_t *m, float temperature)
+{
+    if (!(temperature > m->coldest)) return vec3(0, 0, 0);
+    float at = float_min((temperature - m->coldest) / (m->hottest - m->coldest), 1) * (BLOB_GLOW_STEPS - 1);
+    int i = int_min((int)at, BLOB_GLOW_STEPS - 2);
+    const float *a = m->glow + 3 * i, *b = a + 3;
+    float part = at - (float)i;
+    return vec3(a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1]), a[2] + part * (b[2] - a[2]));
+}
+
+/* The emission at a place of a ray, over the bound. */
+static rgb_t emission_at(const matter_t *m, const march_t *march, vec3_t point, float t, float bound)
+{
+    float place[3];
+    rgb_t emission;
+    density_place(march, t, place);
+    if (m->tinted)
+        emission = v_scale(tint(m->emission, &m->absorption_tint, place), 1 / bound);
+    else
+        emission = v_scale(m->emission, density_along(march, t) / bound);
+    if (m->emission_tint.record != NULL) {
+        if (!field_place(&m->emission_tint, point, place)) return vec3(0, 0, 0);
+        emission = v_mul(emission, field_colour(&m->emission_tint, place));
+    }
+    if (m->temperature.record != NULL) {
+        if (!field_place(&m->temperature, point, place)) return vec3(0, 0, 0);
+        emission = v_mul(emission, glow_of(m, field_number(&m->temperature, place)));
+    }
+    return emission;
 }
 
 /* Emission by the tentative collisions: each stands for 1 / bound of the way. */
@@ -240,11 +347,9 @@ static rgb_t emit_in_grid(const matter_t *m, vec3_t from, vec3_t direction, floa
         float bound = most * float_max(m->most, 1e-9f);
         if (!(most > 0)) continue;
         for (float t = begin; collides(bound, end, &t, &free); free = next_collision(numbers)) {
-            float density = density_along(&march, t) / bound;
-            rgb_t lost = v_scale(m->extinction, density);
-            sum = v_add(sum, v_mul(left, v_scale(m->emission, density)));
-            left = v_mul(left,
-                         vec3(float_max(1 - lost.x, 0), float_max(1 - lost.y, 0), float_max(1 - lost.z, 0)));
+            vec3_t point = v_add(from, v_scale(direction, t));
+            sum = v_add(sum, v_mul(left, emission_at(m, &march, point, t, bound)));
+            left = v_mul(left, rest_of(rates_at(m, &march, t, bound).extinction));
         }
     }
     return sum;

@@ -55,6 +55,11 @@ float media_fade(const media_t *media, blob_ref_t medium, float distance);
 rgb_t media_emission(const media_t *media, blob_ref_t medium, vec3_t from, vec3_t direction, float distance,
                      media_numbers_t *numbers);
 bool media_emits(const media_t *media, blob_ref_t medium);
+/* Whether it is the body of a material (blob_material_t), which may be asked of 0, and where there are no
+ * media. */
+bool media_is_body(const media_t *media, blob_ref_t medium);
+/* Whether some medium is one. */
+bool media_has_bodies(const media_t *media);
 /* How it scatters at a point; wo is the unit direction to where the path came from. */
 void media_bsdf(const media_t *media, blob_ref_t medium, vec3_t wo, bsdf_t *bsdf);
 

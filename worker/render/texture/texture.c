@@ -1,4 +1,5 @@
 /* texture: see texture.h. One function for each kind of texture; what it means is said in blob_format.h. */
+#include "worker/render/texture/noise.h"
 #include "worker/render/texture/texture_internal.h"
 
 #include "common/base.h"

@@ -53,14 +53,4 @@ rgb_t image_lookup(const image_view_t *image, const image_lookup_t *how, vec2_t 
 /* A channel of a colour; CHANNEL_A gives 1. */
 rgb_t rgb_channel(rgb_t colour, channel_t channel);
 
-/* Perlin's gradient noise (Perlin 2002, "Improving Noise"), 0 at whole numbers, about -1 to 1, repeating
- * after 256. */
-float noise(vec3_t p);
-/* Sum of octaves of noise, each at 1.99 times the frequency of the one before and `roughness` times its
- * amplitude. */
-float noise_fbm(vec3_t p, int octaves, float roughness);
-/* The same sum of absolute values, plus a fifth of the amplitude that the next octave would have (which is
- * how pbrt-v3 ends its sum). */
-float noise_turbulence(vec3_t p, int octaves, float roughness);
-
 #endif

@@ -4,7 +4,7 @@
 
 #include "client/import/pbrt/materials/bsdf_files.h"
 #include "client/import/pbrt/materials/material_read.h"
-#include "client/import/pbrt/materials/named_media.h"
+#include "client/import/pbrt/materials/subsurface.h"
 
 /* A value of the record: from a parameter, or always the same. Colours are reflectances. */
 typedef enum { END, NUMBER, SIGNED, COLOUR, CONSTANT } rule_kind_t;
@@ -33,7 +33,6 @@ typedef struct {
         bool smooth;
     } roughness; /* see material_read_roughness */
     result_t (*rest)(pbrt_t *p, params_t *params, position_t at, blob_material_t *record);
-    const char *nearest; /* of a material that is not supported: what the row makes of it */
 } row_t;
 
 /* ---- what rows cannot say ----------------------------------------------------------------------------- */
@@ -55,13 +54,9 @@ static result_t read_metal(pbrt_t *p, params_t *params, position_t at, blob_mate
 static result_t read_thin(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)
 {
     bool thin = false;
-    blob_value_t distance = blob_constant(0);
     TRY(params_bool(params, "thin", &thin));
     if (thin) record->flags |= MATERIAL_THIN;
-    TRY(pbrt_colour_value(p, params, "scatterdistance", COLOUR_UNBOUNDED, &distance));
-    if (thin || (distance.texture == 0 && v_is_zero(distance.factor))) return result_ok();
-    return report_refuse(p->report, params_where(params, "scatterdistance", at),
-                         "scattering below the surface is not supported; the nearest is scatterdistance 0");
+    return pbrt_read_scatter_distance(p, params, at, record);
 }
 
 static result_t read_coat(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)
@@ -160,29 +155,6 @@ static result_t read_hair(pbrt_t *p, params_t *params, position_t at, blob_mater
     return result_ok();
 }
 
-/* ---- substitutes -------------------------------------------------------------------------------------- */
-
-static const param_rule_t substitute_rules[] = {
-    {{"name", "sigma_a", "sigma_s", "mfp", "g", "scale"}, PARAM_ACCEPT, NULL},
-    {{"Kr", "Kt", "eta", "roughness", "uroughness"}, PARAM_ACCEPT, NULL},
-    {{"vroughness", "remaproughness"}, PARAM_ACCEPT, NULL},
-};
-
-/* The first colour that looks like one of the surface, or that of a medium with a name. */
-static result_t read_substitute(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)
-{
-    static const char *const names[] = {"reflectance", "Kd"};
-    const char *medium = NULL;
-    rgb_t colour;
-    (void)at;
-    TRY(params_string(params, "name", &medium));
-    if (medium && named_medium_colour(medium, &colour))
-        record->values[VALUE_REFLECTANCE] = blob_colour_value(colour);
-    for (size_t i = ARRAY_LENGTH(names); i-- > 0;)
-        TRY(pbrt_colour_value(p, params, names[i], COLOUR_REFLECTANCE, &record->values[VALUE_REFLECTANCE]));
-    return params_apply(params, substitute_rules, ARRAY_LENGTH(substitute_rules), p->report);
-}
-
 /* ---- the table ---------------------------------------------------------------------------------------- */
 
 /* clang-format off */
@@ -191,21 +163,15 @@ static result_t read_substitute(pbrt_t *p, params_t *params, position_t at, blob
 #define ALL_AXES  "roughness", "uroughness", "vroughness"
 #define WHITE     {CONSTANT, NULL, VALUE_REFLECTANCE, 1}
 #define CLEAR     {CONSTANT, NULL, VALUE_TRANSMITTANCE, 1}
+#define KR_AND_KT {COLOUR, "Kr", VALUE_REFLECTANCE, 1}, {COLOUR, "Kt", VALUE_TRANSMITTANCE, 1}
 #define COAT      {NUMBER, "thickness", VALUE_THICKNESS, 0.01f}, {COLOUR, "albedo", VALUE_ALBEDO, 0}, \
                   {SIGNED, "g", VALUE_G, 0}
-/* For what scatters below a smooth or rough surface. */
-#define COATED_INSTEAD  MATERIAL_COATED_DIFFUSE, \
-                        .values = {{CONSTANT, NULL, VALUE_REFLECTANCE, 0.5f}, {CONSTANT, NULL, VALUE_THICKNESS, 0.01f}}, \
-                        .index = {"eta", NULL, 1.33f}, .roughness = {{ALL_AXES}, 0, true}, \
-                        .rest = read_substitute, .nearest = "a coated diffuse surface"
-
 static const row_t rows[] = {
     {{"matte", DIALECT_V3}, MATERIAL_DIFFUSE,
      .values = {{COLOUR, "Kd", VALUE_REFLECTANCE, 0.5f}, {NUMBER, "sigma", VALUE_SIGMA, 0}}, .rest = clamp_sigma},
     {{"mirror", DIALECT_V3}, MATERIAL_MIRROR, .values = {{COLOUR, "Kr", VALUE_REFLECTANCE, 0.9f}}},
     {{"glass", DIALECT_V3}, MATERIAL_DIELECTRIC,
-     .values = {{COLOUR, "Kr", VALUE_REFLECTANCE, 1}, {COLOUR, "Kt", VALUE_TRANSMITTANCE, 1}},
-     .index = {"eta", "index", 1.5f}, .roughness = {{EACH_AXIS}, 0, true}},
+     .values = {KR_AND_KT}, .index = {"eta", "index", 1.5f}, .roughness = {{EACH_AXIS}, 0, true}},
     {{"metal", DIALECT_V3}, MATERIAL_CONDUCTOR,
      .values = {WHITE}, .roughness = {{ALL_AXES}, 0.01f, false}, .rest = read_metal},
     {{"plastic", DIALECT_V3}, MATERIAL_PLASTIC,
@@ -232,7 +198,10 @@ static const row_t rows[] = {
                 {NUMBER, "flatness", VALUE_FLATNESS, 0}, {NUMBER, "difftrans", VALUE_DIFFUSE_TRANSMISSION, 1}},
      .index = {"eta", NULL, 1.5f}, .rest = read_thin},
     {{"fourier", DIALECT_V3}, MATERIAL_FOURIER, .rest = pbrt_read_fourier},
-    {{"kdsubsurface", DIALECT_V3}, COATED_INSTEAD},
+    {{"subsurface", DIALECT_V3}, MATERIAL_DIELECTRIC, .values = {KR_AND_KT},
+     .index = {"eta", NULL, 1.33f}, .roughness = {{EACH_AXIS}, 0, true}, .rest = pbrt_read_subsurface},
+    {{"kdsubsurface", DIALECT_V3}, MATERIAL_DIELECTRIC, .values = {KR_AND_KT},
+     .index = {"eta", NULL, 1.33f}, .roughness = {{EACH_AXIS}, 0, true}, .rest = pbrt_read_kdsubsurface},
     {{"mix", DIALECT_V3}, MATERIAL_MIX, .values = {{COLOUR, "amount", VALUE_AMOUNT, 0.5f}}},
 
     {{"diffuse", DIALECT_V4}, MATERIAL_DIFFUSE, .values = {{COLOUR, "reflectance", VALUE_REFLECTANCE, 0.5f}}},
@@ -253,6 +222,8 @@ static const row_t rows[] = {
      .values = {{COLOUR, "reflectance", VALUE_REFLECTANCE, 0.25f},
                 {COLOUR, "transmittance", VALUE_TRANSMITTANCE, 0.25f}},
      .rest = read_scale},
+    {{"subsurface", DIALECT_V4}, MATERIAL_DIELECTRIC, .values = {WHITE, CLEAR},
+     .index = {"eta", NULL, 1.33f}, .roughness = {{ALL_AXES}, 0, true}, .rest = pbrt_read_subsurface},
     {{"measured", DIALECT_V4}, MATERIAL_MEASURED, .rest = pbrt_read_measured},
     {{"interface", DIALECT_V4}, .kind = 0},
     {{"mix", DIALECT_V4}, MATERIAL_MIX, .values = {{NUMBER, "amount", VALUE_AMOUNT, 0.5f}}},
@@ -263,7 +234,6 @@ static const row_t rows[] = {
      .values = {{NUMBER, "beta_m", VALUE_ROUGHNESS_U, 0.3f}, {NUMBER, "beta_n", VALUE_ROUGHNESS_V, 0.3f},
                 {SIGNED, "alpha", VALUE_TILT, 2}},
      .index = {"eta", NULL, 1.55f}, .rest = read_hair},
-    {{"subsurface", DIALECT_BOTH}, COATED_INSTEAD},
 };
 /* clang-format on */
 
@@ -316,9 +286,6 @@ result_t material_fill(pbrt_t *p, params_t *params, const material_t *material, 
     const row_t *row = &rows[material->entry];
     const char *const *axes = row->roughness.names;
     position_t at = material->at;
-    if (row->nearest)
-        TRY(report_refuse(p->report, at, "material \"%s\" is not supported; the nearest is %s",
-                          row->entry.name, row->nearest));
     record->kind = row->kind;
     record->flags = row->flags;
     for (int i = 0; i < MOST_VALUES && row->values[i].kind != END; ++i)

@@ -78,10 +78,24 @@ static result_t make_part(pbrt_t *p, params_t *params, const material_t *materia
     return result_ok();
 }
 
+/* Below a mix is what is below its parts. */
+static result_t share_body(pbrt_t *p, const material_t *material, blob_material_t *record)
+{
+    const blob_material_t *records = blob_builder_records(p->builder->blob, BLOB_SECTION_MATERIALS);
+    blob_ref_t first = records[record->parts[0]].body, second = records[record->parts[1]].body;
+    record->body = first != 0 ? first : second;
+    if (first == 0 || second == 0 || first == second) return result_ok();
+    return report_refuse(
+        p->report, material->at,
+        "both parts of this mix scatter light below the surface, each in its own way, which is "
+        "not supported; the nearest is that of one of them");
+}
+
 static result_t make_parts(pbrt_t *p, params_t *params, const material_t *material, blob_material_t *record)
 {
     TRY(make_part(p, params, material, 0, record));
     TRY(make_part(p, params, material, 1, record));
+    TRY(share_body(p, material, record));
     if (p->dialect.dialect != DIALECT_V3) return result_ok();
     /* In pbrt-v3 the lobes of both move into the frame that namedmaterial1 has made. */
     const blob_material_t *records = blob_builder_records(p->builder->blob, BLOB_SECTION_MATERIALS);
@@ -227,6 +241,8 @@ static result_t make(pbrt_t *p, material_t *material, params_t *params, blob_mat
 {
     const material_t *outer = p->in_the_making; /* a mix, of which this is a part */
     *record = (blob_material_t){0};
+    p->has_body = false;
+    p->body = (blob_medium_t){0};
     size_t colour_space = p->now.colour_space;
     p->now.colour_space = material->colour_space;
     material->making = true;
@@ -246,6 +262,11 @@ static uint32_t append(pbrt_t *p, const material_t *material, blob_material_t re
 {
     if (record.kind == 0) return BLOB_NONE;
     record.name = blob_builder_string(p->builder->blob, material->name);
+    if (p->has_body) {
+        p->body.name = record.name;
+        record.body = 1 + blob_builder_add(p->builder->blob, BLOB_SECTION_MEDIA, &p->body, 1);
+        p->has_body = false;
+    }
     return blob_builder_add(p->builder->blob, BLOB_SECTION_MATERIALS, &record, 1);
 }
 

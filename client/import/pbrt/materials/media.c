@@ -5,6 +5,7 @@
  * v4 it cannot, but may come later: a reference to such a medium is LATE and an entry, until the end. */
 #include "client/import/pbrt/materials/media.h"
 
+#include "client/import/pbrt/materials/medium_fields.h"
 #include "client/import/pbrt/materials/named_media.h"
 #include "client/import/pbrt/state/arguments.h"
 #include "client/import/pbrt/state/values.h"
@@ -12,7 +13,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-static const double largest = 1e9; /* coefficients and densities, as the blob has them */
+static const double largest = 1e9; /* coefficients, as the blob has them */
 enum { LATE = 1u << 31 };
 
 /* ---- names --------------------------------------------------------------------------------------------- */
@@ -80,11 +81,29 @@ static result_t read_preset(pbrt_t *p, params_t *params, position_t at, blob_med
                            "no preset is called \"%.60s\"; it is ignored, as by pbrt", preset);
 }
 
+static result_t read_g(params_t *params, position_t at, blob_medium_t *medium)
+{
+    double g = 0;
+    TRY(params_float(params, "g", &g));
+    medium->g = (float)g;
+    if (medium->g > -1 && medium->g < 1) return result_ok();
+    return error_at(params_where(params, "g", at), "g is %g, but must be over -1 and below 1", g);
+}
+
+static result_t scale_coefficients(params_t *params, position_t at, blob_medium_t *medium)
+{
+    double scale = 1;
+    TRY(params_float_in(params, "scale", 0, 1e30, &scale));
+    medium->absorption = v_scale(medium->absorption, (float)scale);
+    medium->scattering = v_scale(medium->scattering, (float)scale);
+    if (is_rate(medium->absorption) && is_rate(medium->scattering)) return result_ok();
+    return error_at(at, "sigma_a and sigma_s, times the scale, must be from 0 to %g", largest);
+}
+
 /* In v4 a preset goes before coefficients, which are left unread. */
 static result_t read_coefficients(pbrt_t *p, params_t *params, position_t at, bool presets,
                                   blob_medium_t *medium)
 {
-    double scale = 1, g = 0;
     bool known = false;
     medium->absorption = medium->scattering = vec3(1, 1, 1);
     if (presets) TRY(read_preset(p, params, at, medium, &known));
@@ -92,15 +111,8 @@ static result_t read_coefficients(pbrt_t *p, params_t *params, position_t at, bo
         TRY(pbrt_colour(p, params, "sigma_a", COLOUR_UNBOUNDED, &medium->absorption));
         TRY(pbrt_colour(p, params, "sigma_s", COLOUR_UNBOUNDED, &medium->scattering));
     }
-    TRY(params_float_in(params, "scale", 0, 1e30, &scale));
-    medium->absorption = v_scale(medium->absorption, (float)scale);
-    medium->scattering = v_scale(medium->scattering, (float)scale);
-    if (!is_rate(medium->absorption) || !is_rate(medium->scattering))
-        return error_at(at, "sigma_a and sigma_s, times the scale, must be from 0 to %g", largest);
-    TRY(params_float(params, "g", &g));
-    medium->g = (float)g;
-    if (medium->g > -1 && medium->g < 1) return result_ok();
-    return error_at(params_where(params, "g", at), "g is %g, but must be over -1 and below 1", g);
+    TRY(scale_coefficients(params, at, medium));
+    return read_g(params, at, medium);
 }
 
 /* What a medium of v4 shines: `Le` is the radiance of an infinite depth of what absorbs and does not scatter.
@@ -112,71 +124,6 @@ static result_t read_emission(pbrt_t *p, params_t *params, position_t at, double
     medium->emission = v_scale(v_mul(medium->absorption, radiance), (float)scale);
     if (is_rate(medium->emission)) return result_ok();
     return error_at(params_where(params, "Le", at), "Le, times sigma_a, must be from 0 to %g", largest);
-}
-
-static result_t read_cells(params_t *params, uint32_t cells[3])
-{
-    static const char *const names[3] = {"nx", "ny", "nz"};
-    for (int i = 0; i < 3; ++i) {
-        int32_t count = 1;
-        TRY(params_int_in(params, names[i], 1, BLOB_MAX_GRID_SIDE, &count));
-        cells[i] = (uint32_t)count;
-    }
-    return result_ok();
-}
-
-/* The grid fills the box from p0 to p1 of the current transform's space. */
-static result_t place_grid(pbrt_t *p, params_t *params, position_t at, blob_medium_t *medium)
-{
-    const unsigned types = PARAM_BIT(PARAM_POINT3) | PARAM_BIT(PARAM_VECTOR3);
-    double p0[3] = {0}, p1[3] = {1, 1, 1}, sides[3];
-    affine_t close, t;
-    xform_t inverse;
-    TRY(params_point(params, "p0", types, p0));
-    TRY(params_point(params, "p1", types, p1));
-    for (int i = 0; i < 3; ++i) sides[i] = p1[i] - p0[i];
-    if (pbrt_motion(p, at, &t, &close))
-        report_warning(p->report, at,
-                       "media do not move: this one stands where it is when the shutter opens");
-    affine_t corner = affine_translation(p0), stretch = affine_scaling(sides);
-    t = affine_multiply(&t, &corner);
-    t = affine_multiply(&t, &stretch);
-    medium->world_from_grid = affine_to_xform(&t);
-    if (xform_invert(&medium->world_from_grid, &inverse)) return result_ok();
-    return error_at(at, "the box of this medium's grid, from p0 to p1 under the current transform, has no "
-                        "volume, or is not finite");
-}
-
-static result_t add_densities(pbrt_t *p, position_t at, const double *numbers, size_t count,
-                              blob_medium_t *medium)
-{
-    float *densities = mem_alloc(count * sizeof *densities);
-    for (size_t i = 0; i < count; ++i) {
-        densities[i] = (float)numbers[i];
-        if (numbers[i] >= 0 && numbers[i] <= largest) continue;
-        free(densities);
-        return error_at(at, "density number %zu is %g, but must be from 0 to %g", i, numbers[i], largest);
-    }
-    medium->first_density =
-        blob_builder_add(p->builder->blob, BLOB_SECTION_NUMBERS, densities, (uint32_t)count);
-    free(densities);
-    return result_ok();
-}
-
-static result_t read_grid(pbrt_t *p, params_t *params, position_t at, blob_medium_t *medium)
-{
-    const double *numbers;
-    size_t count;
-    TRY(params_array(params, "density", PARAM_BIT(PARAM_FLOAT), 1, &numbers, &count));
-    TRY(read_cells(params, medium->cells));
-    TRY(place_grid(p, params, at, medium));
-    const uint32_t *n = medium->cells;
-    uint64_t cells = (uint64_t)n[0] * n[1] * n[2];
-    at = params_where(params, "density", at);
-    if (count != cells)
-        return error_at(at, "%zu densities for a grid of nx x ny x nz = %u x %u x %u cells; give %llu", count,
-                        n[0], n[1], n[2], (unsigned long long)cells);
-    return add_densities(p, at, numbers, count, medium);
 }
 
 /* ---- the types ----------------------------------------------------------------------------------------- */
@@ -204,44 +151,38 @@ static result_t make_heterogeneous(pbrt_t *p, params_t *params, position_t at, b
         report_warning(p->report, at,
                        "sigma_a + sigma_s differs between colours: pbrt-v3 takes that of red for all, here "
                        "each colour has its own");
-    return read_grid(p, params, at, medium);
-}
-
-/* v4's "Lescale" has a number for each cell. Here what a place emits goes with its density, so they must be
- * the same. */
-static result_t read_emission_scale(params_t *params, position_t at, uint64_t cells, double *scale)
-{
-    const double *numbers;
-    size_t count;
-    *scale = 1;
-    TRY(params_array(params, "Lescale", PARAM_BIT(PARAM_FLOAT), 1, &numbers, &count));
-    if (count == 0) return result_ok();
-    at = params_where(params, "Lescale", at);
-    if (count != cells)
-        return error_at(at, "%zu numbers of \"Lescale\" for %llu cells; give as many", count,
-                        (unsigned long long)cells);
-    for (size_t i = 0; i < count; ++i)
-        if (!(numbers[i] >= 0 && numbers[i] == numbers[0]))
-            return error_at(at, "a \"Lescale\" that varies is not supported; give one without negative "
-                                "numbers whose numbers are all the same");
-    *scale = numbers[0];
-    return result_ok();
+    return medium_density_cells(p, params, at, medium);
 }
 
 static result_t make_uniform_grid(pbrt_t *p, params_t *params, position_t at, blob_medium_t *medium)
 {
-    static const param_rule_t rules[] = {
-        {{"temperature", "temperatureoffset", "temperaturecutoff", "temperaturescale"},
-         PARAM_REFUSE,
-         "media that glow by their temperature are not supported"},
-    };
-    double scale;
     TRY(read_coefficients(p, params, at, false, medium));
-    TRY(read_grid(p, params, at, medium));
-    uint64_t cells = (uint64_t)medium->cells[0] * medium->cells[1] * medium->cells[2];
-    TRY(read_emission_scale(params, at, cells, &scale));
-    TRY(read_emission(p, params, at, scale, medium));
-    return params_apply(params, rules, ARRAY_LENGTH(rules), p->report);
+    TRY(medium_density_cells(p, params, at, medium));
+    if (params_has(params, "temperature"))
+        TRY(medium_temperature_cells(p, params, at, medium));
+    else
+        TRY(read_emission(p, params, at, 1, medium));
+    return medium_emission_cells(p, params, at, medium);
+}
+
+static result_t make_rgb_grid(pbrt_t *p, params_t *params, position_t at, blob_medium_t *medium)
+{
+    medium->absorption = medium->scattering = vec3(1, 1, 1);
+    TRY(scale_coefficients(params, at, medium));
+    TRY(medium_tints(p, params, at, medium));
+    return read_g(params, at, medium);
+}
+
+static result_t make_cloud(pbrt_t *p, params_t *params, position_t at, blob_medium_t *medium)
+{
+    TRY(read_coefficients(p, params, at, false, medium));
+    return medium_cloud(p, params, at, medium);
+}
+
+static result_t make_nanovdb(pbrt_t *p, params_t *params, position_t at, blob_medium_t *medium)
+{
+    TRY(read_coefficients(p, params, at, false, medium));
+    return medium_nanovdb(p, params, at, medium);
 }
 
 typedef struct {
@@ -253,6 +194,9 @@ static const medium_entry_t types[] = {
     {{"homogeneous", DIALECT_BOTH}, make_homogeneous},
     {{"heterogeneous", DIALECT_V3}, make_heterogeneous},
     {{"uniformgrid", DIALECT_V4}, make_uniform_grid},
+    {{"rgbgrid", DIALECT_V4}, make_rgb_grid},
+    {{"cloud", DIALECT_V4}, make_cloud},
+    {{"nanovdb", DIALECT_V4}, make_nanovdb},
 };
 
 /* ---- the directives ------------------------------------------------------------------------------------ */
@@ -260,7 +204,7 @@ static const medium_entry_t types[] = {
 static result_t make_medium(pbrt_t *p, position_t at, const char *type, uint32_t index)
 {
     size_t row;
-    blob_medium_t record = {.world_from_grid = xform_identity()};
+    blob_medium_t record = {0};
     TRY(entry_find(types, ARRAY_LENGTH(types), sizeof *types, "medium", type, &p->dialect,
                    params_where(p->params, "type", at), &row));
     TRY(types[row].make(p, p->params, at, &record));
@@ -361,10 +305,13 @@ static result_t place_camera(pbrt_t *p, position_t at)
 result_t pbrt_finish_media(pbrt_t *p, position_t at)
 {
     TRY(place_camera(p, at));
-    for (size_t i = 0; i < p->medium_count; ++i)
+    bool made = false;
+    for (size_t i = 0; i < p->medium_count; ++i) {
         if (p->media[i].awaited && p->media[i].record == 0) TRY(refuse(p, &p->media[i]));
+        made = made || p->media[i].record != 0;
+    }
     settle_all(p);
-    if (!p->knows_media && blob_builder_count(p->builder->blob, BLOB_SECTION_MEDIA) > 0)
+    if (!p->knows_media && made)
         report_warning(p->report, p->integrator_at.line ? p->integrator_at : at,
                        "the scene has media, which pbrt's integrator does not show; here they are shown, as "
                        "by \"volpath\"");

@@ -1,7 +1,6 @@
 /* named_media: see named_media.h. */
 #include "client/import/pbrt/materials/named_media.h"
 
-#include <math.h>
 #include <string.h>
 
 /* The coefficients of absorption, and the reduced ones of scattering, per mm, for red, green and blue.
@@ -72,20 +71,4 @@ bool named_medium_coefficients(const char *name, rgb_t *absorption, rgb_t *scatt
         return true;
     }
     return false;
-}
-
-/* Of a medium with these coefficients. */
-static float reflectance(float absorption, float scattering)
-{
-    float albedo = scattering / (scattering + absorption);
-    float root = sqrtf(3 * absorption / (scattering + absorption));
-    return albedo / 2 * (1 + expf(-4.0f / 3 * root)) * expf(-root);
-}
-
-bool named_medium_colour(const char *name, rgb_t *colour)
-{
-    rgb_t a, s;
-    if (!named_medium_coefficients(name, &a, &s)) return false;
-    *colour = vec3(reflectance(a.x, s.x), reflectance(a.y, s.y), reflectance(a.z, s.z));
-    return true;
 }

@@ -8,9 +8,4 @@
  * false when the name is unknown. */
 bool named_medium_coefficients(const char *name, rgb_t *absorption, rgb_t *scattering);
 
-/* What a deep layer of the medium reflects of white light, diffusely and without a surface; false when the
- * name is unknown. By the dipole's diffuse reflectance without internal reflection (Jensen, Marschner, Levoy
- * and Hanrahan 2001, equation 15 with A = 1). */
-bool named_medium_colour(const char *name, rgb_t *colour);
-
 #endif

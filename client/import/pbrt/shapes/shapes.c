@@ -77,10 +77,10 @@ static result_t part_media(pbrt_t *p, shape_work_t *work)
     int inside = work->inside_out ? 1 : 0;
     TRY(pbrt_media_in_force(p, media));
     work->outside = media[1];
-    if (media[0] == media[1]) return result_ok();
-    work->shape.flags |= SHAPE_INTERFACE;
     work->shape.media[inside] = media[0];
     work->shape.media[1 - inside] = media[1];
+    if (work->inside_out) work->shape.flags |= SCENE_INSIDE_OUT;
+    if (media[0] != media[1]) work->shape.flags |= SHAPE_INTERFACE;
     return result_ok();
 }
 

@@ -155,6 +155,8 @@ typedef struct pbrt {
     medium_t *media;
     size_t medium_count, medium_capacity;
     uint32_t camera_medium; /* as graphics_t.media */
+    bool has_body;          /* the material in the making has something below its surface, */
+    blob_medium_t body;     /* which is this */
     bool knows_media;       /* pbrt's integrator of that name shows media */
     blob_ref_t interface;   /* the material of shapes that only part media, 0: not made */
     texture_t *textures;

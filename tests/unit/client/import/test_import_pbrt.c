@@ -814,15 +814,12 @@ static void shapes_that_only_bound_media_are_left_out(void **state)
 static void a_lenient_import_replaces_what_is_not_supported(void **state)
 {
     (void)state;
-    static const expected_t skin[] = {{VALUE_REFLECTANCE, 0.25}, {VALUE_ETA, 1.4}, {VALUE_THICKNESS, 0.01}};
     bench_t bench = {.lenient = true};
     bench_run(&bench, "WorldBegin\nTexture \"t\" \"float\" \"ptex\" \"string filename\" \"none.ptx\"\n"
-                      "Material \"subsurface\" \"rgb reflectance\" [.25 .25 .25] \"float eta\" 1.4 "
-                      "\"rgb mfp\" [1 2 3]\n" SPHERE);
+                      "Material \"coateddiffuse\" \"texture roughness\" \"t\"\n" SPHERE);
     bench_expect_ok(&bench);
-    EXPECT_MATERIAL(0, MATERIAL_COATED_DIFFUSE, 0, skin);
+    expect_near(number_of(&bench, 0, VALUE_ROUGHNESS_U), 0.5, 0);
     expect_text(bench.warnings, "s.pbrt:2:1: texture \"ptex\" is not supported; the nearest is");
-    expect_text(bench.warnings, "s.pbrt:3:1: material \"subsurface\" is not supported; the nearest is");
     bench.lenient = false;
     bench_import_file(&bench, "s.pbrt");
     assert_int_equal(bench.result.code, RESULT_INPUT);
@@ -908,11 +905,13 @@ static void an_unused_material_may_be_unsupported_but_not_silently(void **state)
 {
     (void)state;
     bench_t bench = {0};
-    bench_run_v3(&bench, "MakeNamedMaterial \"d\" \"string type\" \"kdsubsurface\"\n"
-                         "Material \"matte\" \"rgb Kdd\" [1 1 1]\nMaterial \"matte\"\n" SPHERE);
+    bench_run_v3(&bench,
+                 "MakeNamedMaterial \"i\" \"string type\" \"none\" MakeNamedMaterial \"d\" \"string type\" "
+                 "\"mix\" \"string namedmaterial1\" \"i\" \"string namedmaterial2\" \"i\"\n"
+                 "Material \"matte\" \"rgb Kdd\" [1 1 1]\nMaterial \"matte\"\n" SPHERE);
     bench_expect_ok(&bench);
-    expect_text(bench.warnings, "s.pbrt:2:1: a material that no shape has: ");
-    expect_text(bench.warnings, "material \"kdsubsurface\" is not supported");
+    expect_text(bench.warnings, "s.pbrt:2:44: a material that no shape has: ");
+    expect_text(bench.warnings, "a mix with the interface \"i\" is not supported");
     expect_text(bench.warnings, "s.pbrt:3:18: this material has no parameter \"rgb Kdd\"");
     bench_close(&bench);
 }

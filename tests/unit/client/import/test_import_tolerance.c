@@ -658,23 +658,6 @@ static void kinds_of_forks_become_the_nearest(void **state)
     bench_close(&bench);
 }
 
-/* Whole milk is white with a touch of yellow, ketchup red. */
-static void a_named_medium_keeps_its_colour(void **state)
-{
-    (void)state;
-    bench_t bench = {.lenient = true};
-    bench_run_v3(&bench, "Material \"subsurface\" \"string name\" \"Ketchup\"\n" SPHERE);
-    bench_expect_ok(&bench);
-    expect_vec3(colour_of(&bench, 0, VALUE_REFLECTANCE), 0.205123, 0.006997, 0.002011);
-    bench_run(&bench, "WorldBegin\nMaterial \"subsurface\" \"string name\" \"Wholemilk\"\n" SPHERE);
-    bench_expect_ok(&bench);
-    expect_vec3(colour_of(&bench, 0, VALUE_REFLECTANCE), 0.941682, 0.923898, 0.837921);
-    bench_run_v3(&bench, "Material \"subsurface\" \"string name\" \"Wurst\"\n" SPHERE);
-    bench_expect_ok(&bench);
-    expect_vec3(colour_of(&bench, 0, VALUE_REFLECTANCE), 0.5, 0.5, 0.5);
-    bench_close(&bench);
-}
-
 static void scenes_of_pbrt_2_are_read_as_v3s(void **state)
 {
     (void)state;
@@ -727,7 +710,6 @@ int main(void)
         cmocka_unit_test(a_singular_transform_that_nothing_uses_does_no_harm),
         cmocka_unit_test(a_look_at_along_up_is_left_out_in_v3),
         cmocka_unit_test(an_index_of_v4_may_be_a_colour),
-        cmocka_unit_test(a_named_medium_keeps_its_colour),
         cmocka_unit_test(kinds_of_forks_become_the_nearest),
         cmocka_unit_test(scenes_of_pbrt_2_are_read_as_v3s),
     };

@@ -21,7 +21,7 @@ static float uniform(uint64_t i)
 /* ---- a grid and what is known of it -------------------------------------------------------------------- */
 
 typedef struct {
-    blob_medium_t medium;
+    blob_field_t field;
     float *cells;
     xform_t grid_from_world;
     density_t *density;
@@ -33,7 +33,12 @@ static const uint32_t sizes[][3] = {{1, 1, 1},  {2, 3, 1},  {4, 4, 4},   {9, 5, 
 /* Cells with holes of several cells, and a dense one here and there. */
 static void grid_begin(grid_t *grid, const uint32_t size[3], xform_t world_from_grid)
 {
-    *grid = (grid_t){.medium = {.cells = {size[0], size[1], size[2]}, .world_from_grid = world_from_grid}};
+    *grid = (grid_t){.field = {.kind = FIELD_CELLS, .channels = 1, .world_from_field = world_from_grid}};
+    for (int i = 0; i < 3; i++) {
+        grid->field.cells[i] = size[i];
+        grid->field.origin[i] = -0.5f;
+        grid->field.span[i] = (float)size[i];
+    }
     size_t count = (size_t)size[0] * size[1] * size[2];
     grid->cells = mem_alloc(count * sizeof(float));
     for (size_t i = 0; i < count; i++) {
@@ -41,8 +46,8 @@ static void grid_begin(grid_t *grid, const uint32_t size[3], xform_t world_from_
         grid->cells[i] = hole < 0.3f && count > 4 ? 0 : u > 0.97f ? 20 * u : u;
     }
     assert_true(xform_invert(&world_from_grid, &grid->grid_from_world));
-    scene_blob_t blob = {.numbers = grid->cells};
-    grid->density = density_new(&blob, &grid->medium);
+    scene_blob_t blob = {.numbers = grid->cells, .fields = &grid->field};
+    grid->density = density_new(&blob, 1);
 }
 
 static void grid_end(grid_t *grid)
@@ -86,8 +91,8 @@ static ray_t some_ray(const grid_t *grid, uint64_t i)
     vec3_t a = vec3(uniform(16 * i), uniform(16 * i + 1), uniform(16 * i + 2)),
            b = vec3(uniform(16 * i + 3), uniform(16 * i + 4), uniform(16 * i + 5));
     if (i % 3 != 0) a = v_sub(v_scale(a, 5), vec3(2, 2, 2));
-    vec3_t from = xform_point(&grid->medium.world_from_grid, a),
-           to = xform_point(&grid->medium.world_from_grid, b);
+    vec3_t from = xform_point(&grid->field.world_from_field, a),
+           to = xform_point(&grid->field.world_from_field, b);
     ray_t ray = {.from = from,
                  .direction = v_scale(v_sub(to, from), 1 / v_length(v_sub(to, from))),
                  .distance = i % 2 ? INFINITY : 2 * uniform(16 * i + 6) * v_length(v_sub(to, from))};
@@ -112,7 +117,7 @@ static bool inside(const ray_t *ray, double *begin, double *end)
 
 static double cell_at(const grid_t *grid, const int at[3])
 {
-    const uint32_t *n = grid->medium.cells;
+    const uint32_t *n = grid->field.cells;
     for (int i = 0; i < 3; i++)
         if (at[i] < 0 || at[i] >= (int)n[i]) return 0;
     return (double)grid->cells[((size_t)at[2] * n[1] + (size_t)at[1]) * n[0] + (size_t)at[0]];
@@ -123,7 +128,7 @@ static double density_at(const grid_t *grid, const ray_t *ray, double t)
     double part[3], sum = 0;
     int first[3];
     for (int i = 0; i < 3; i++) {
-        double at = (ray->origin[i] + t * ray->along[i]) * grid->medium.cells[i] - 0.5;
+        double at = (ray->origin[i] + t * ray->along[i]) * grid->field.cells[i] - 0.5;
         first[i] = (int)floor(at);
         part[i] = at - first[i];
     }
@@ -290,8 +295,8 @@ static void one_cell_falls_off_to_all_sides(void **state)
     grid_begin(&grid, size, xform_identity());
     grid.cells[0] = 2;
     density_destroy(&grid.density);
-    scene_blob_t blob = {.numbers = grid.cells};
-    grid.density = density_new(&blob, &grid.medium);
+    scene_blob_t blob = {.numbers = grid.cells, .fields = &grid.field};
+    grid.density = density_new(&blob, 1);
     float sum, at;
     vec3_t along = vec3(0, 0, 1);
     assert_false(density_find(grid.density, vec3(0.5f, 0.5f, -3), along, INFINITY, 5, &sum, &at));

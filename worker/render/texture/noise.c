@@ -1,7 +1,8 @@
-/* texture_noise: gradient noise and its sums. See texture_internal.h. */
-#include "worker/render/texture/texture_internal.h"
+/* noise: see noise.h. */
+#include "worker/render/texture/noise.h"
 
 #include <math.h>
+#include <stdint.h>
 
 /* Perlin's permutation of 0 to 255 (Perlin 2002, reference implementation). */
 static const uint8_t permutation[256] = {
