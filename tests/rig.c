@@ -429,20 +429,37 @@ hash_t rig_image_hash(rig_t *rig, uint64_t job)
     return hash;
 }
 
-hash_t rig_reference(void)
+hash_t rig_reference_at(uint64_t spp)
 {
     /* The one thing here that outlives a test: made by the first that asks. */
-    static hash_t reference;
-    static bool made;
-    if (made) return reference;
+    static hash_t references[RIG_MOST_SPP + 1];
+    static bool made[RIG_MOST_SPP + 1];
+    assert_true(spp <= RIG_MOST_SPP);
+    if (made[spp]) return references[spp];
     rig_t *rig = rig_new();
-    char *path = scratch_path(rig->folder, "reference.exr");
-    assert_int_equal(rig_run(rig, (const char *[]){"render", SCENE, "--resolution", "64x64", "--spp", RIG_SPP,
+    char *path = scratch_path(rig->folder, "reference.exr"), *count = mem_printf("%d", (int)spp);
+    assert_int_equal(rig_run(rig, (const char *[]){"render", SCENE, "--resolution", "64x64", "--spp", count,
                                                    "--seed", "7", "--quiet", "-o", path, NULL}),
                      0);
-    reference = rig_file_hash(path);
-    made = true;
+    references[spp] = rig_file_hash(path);
+    made[spp] = true;
+    free(count);
     free(path);
     rig_destroy(&rig);
-    return reference;
+    return references[spp];
+}
+
+hash_t rig_reference(void)
+{
+    return rig_reference_at(strtoul(RIG_SPP, NULL, 10));
+}
+
+rig_status_t rig_assert_reference(rig_t *rig, uint64_t job)
+{
+    rig_status_t status = rig_wait_job(rig, job);
+    assert_int_equal(status.state, JOB_DONE);
+    assert_true(status.samples_done == status.samples_total);
+    hash_t hash = rig_image_hash(rig, job), reference = rig_reference_at(status.samples_total / RIG_PIXELS);
+    assert_true(hash_equal(&hash, &reference));
+    return status;
 }

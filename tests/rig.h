@@ -30,9 +30,14 @@ typedef struct {
 #else
 #define RIG_SPP "192"
 #endif
-/* What the tests render: seed-hidden, small, a few seconds of two cores. */
+enum { RIG_PIXELS = 64 * 64, RIG_MOST_SPP = 1024 };
+/* What the tests render: seed-hidden, small, a few seconds of a core. Only what is hurt in the middle needs
+ * as many samples. */
 job_settings_t rig_settings(void);
-/* The pixel hash of that job, rendered by `lightmill render` without any farm; computed once a program. */
+/* The pixel hash of that job with so many samples a pixel, rendered by `lightmill render` without any farm;
+ * computed once a program. */
+hash_t rig_reference_at(uint64_t spp);
+/* Of rig_settings as they are. */
 hash_t rig_reference(void);
 
 /* A port of which the next one is free too (tests/ports.h). */
@@ -88,6 +93,9 @@ void rig_wait_output(rig_t *rig, pid_t process, const char *text);
 void rig_wait_samples(rig_t *rig, uint64_t job, uint64_t samples);
 /* Waits for the end of the job and returns its last status. */
 rig_status_t rig_wait_job(rig_t *rig, uint64_t job);
+/* Waits for the end of a job of rig_settings, or of these with other samples: it is done, and its image is
+ * the reference. Returns its last status. */
+rig_status_t rig_assert_reference(rig_t *rig, uint64_t job);
 /* Waits until so many workers are connected. */
 void rig_wait_workers(rig_t *rig, uint32_t workers);
 /* The pixel hash of the job's image so far. */

@@ -42,14 +42,21 @@ static void await_log(rig_t *rig, pid_t worker, const char *text)
     }
 }
 
+/* Waits until the worker is busy with the job, which it is for a second and more. */
+static void await_work(rig_t *rig, uint64_t job)
+{
+    for (double start = clock_now(); rig_status(rig, job).issued == 0; rig_sleep(0.02))
+        if (clock_now() - start > 60) fail_msg("the worker gets no work");
+    rig_sleep(0.5);
+}
+
 static void what_was_begun_is_delivered(void **state)
 {
     rig_t *rig = *state;
     rig_start_master(rig, NO_BATCHES);
     pid_t worker = start_worker(rig, "30");
     uint64_t job = submit(rig);
-    await_log(rig, worker, "ready");
-    rig_sleep(1);
+    await_work(rig, job);
     kill(worker, SIGTERM);
     double start = clock_now();
     assert_int_equal(rig_wait_exit(rig, worker, 60), 0);
@@ -94,9 +101,7 @@ static void the_grace_period_is_kept(void **state)
     rig_t *rig = *state;
     rig_start_master(rig, NO_BATCHES);
     pid_t worker = start_worker(rig, "2");
-    submit(rig);
-    await_log(rig, worker, "ready");
-    rig_sleep(1);
+    await_work(rig, submit(rig));
     kill(rig->master, SIGSTOP);
     kill(worker, SIGTERM);
     double start = clock_now();
@@ -114,9 +119,7 @@ static void twice_means_now(void **state)
     rig_t *rig = *state;
     rig_start_master(rig, NO_BATCHES);
     pid_t worker = start_worker(rig, "60");
-    submit(rig);
-    await_log(rig, worker, "ready");
-    rig_sleep(0.5);
+    await_work(rig, submit(rig));
     kill(rig->master, SIGSTOP);
     kill(worker, SIGTERM);
     await_log(rig, worker, "leaving");

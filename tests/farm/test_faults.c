@@ -15,13 +15,11 @@
 
 static const double BATCH_INTERVAL = 0.2; /* seconds */
 
-static void assert_reference(rig_t *rig, uint64_t job)
+static uint64_t submit_short(rig_t *rig, uint32_t spp)
 {
-    rig_status_t status = rig_wait_job(rig, job);
-    assert_int_equal(status.state, JOB_DONE);
-    assert_true(status.samples_done == status.samples_total);
-    hash_t hash = rig_image_hash(rig, job), reference = rig_reference();
-    assert_true(hash_equal(&hash, &reference));
+    job_settings_t settings = rig_settings();
+    settings.spp = spp;
+    return rig_submit(rig, &settings);
 }
 
 /* Starts a job on a farm of `workers` and waits until a fifth of it is counted. */
@@ -42,7 +40,7 @@ static void a_killed_worker_is_replaced(void **state)
     pid_t workers[2];
     uint64_t job = begin_job(rig, 2, workers);
     kill(workers[0], SIGKILL);
-    assert_reference(rig, job);
+    rig_assert_reference(rig, job);
 }
 
 static void a_stopped_worker_is_replaced_and_comes_back(void **state)
@@ -51,14 +49,12 @@ static void a_stopped_worker_is_replaced_and_comes_back(void **state)
     pid_t workers[2];
     uint64_t job = begin_job(rig, 2, workers);
     kill(workers[0], SIGSTOP);
-    assert_reference(rig, job);
+    rig_assert_reference(rig, job);
     rig_wait_workers(rig, 1);
     kill(workers[0], SIGCONT);
     rig_wait_workers(rig, 2);
-    job_settings_t settings = rig_settings();
-    uint64_t second = rig_submit(rig, &settings);
-    assert_reference(rig, second);
-    assert_int_equal(rig_status(rig, second).workers_seen, 2);
+    assert_int_equal(rig_assert_reference(rig, submit_short(rig, rig_settings().spp * 2 / 3)).workers_seen,
+                     2);
 }
 
 /* Stopped for longer than its lease, but back before the job ends: its units were given to the other. */
@@ -70,7 +66,7 @@ static void a_straggler_counts_nothing_twice(void **state)
     kill(workers[0], SIGSTOP);
     rig_wait_workers(rig, 1);
     kill(workers[0], SIGCONT);
-    assert_reference(rig, job);
+    rig_assert_reference(rig, job);
 }
 
 static void the_last_worker_dies_and_a_new_one_finishes(void **state)
@@ -82,7 +78,7 @@ static void the_last_worker_dies_and_a_new_one_finishes(void **state)
     rig_wait_workers(rig, 0);
     assert_int_equal(rig_status(rig, job).state, JOB_RUNNING);
     rig_start_worker(rig);
-    assert_reference(rig, job);
+    rig_assert_reference(rig, job);
 }
 
 static void a_late_worker_joins(void **state)
@@ -91,7 +87,7 @@ static void a_late_worker_joins(void **state)
     pid_t worker;
     uint64_t job = begin_job(rig, 1, &worker);
     rig_start_worker(rig);
-    assert_reference(rig, job);
+    rig_assert_reference(rig, job);
     assert_int_equal(rig_status(rig, job).workers_seen, 2);
 }
 
@@ -111,7 +107,7 @@ static void a_worker_sent_away_leaves_its_work(void **state)
     assert_true(rig_status(rig, job).samples_done > before);
     rig_wait_workers(rig, 0);
     rig_start_worker(rig);
-    assert_reference(rig, job);
+    rig_assert_reference(rig, job);
 }
 
 static void a_worker_waits_for_its_master(void **state)
@@ -120,8 +116,7 @@ static void a_worker_waits_for_its_master(void **state)
     rig_start_worker(rig);
     rig_sleep(1.5);
     rig_start_master(rig, BATCH_INTERVAL);
-    job_settings_t settings = rig_settings();
-    assert_reference(rig, rig_submit(rig, &settings));
+    rig_assert_reference(rig, submit_short(rig, 32));
 }
 
 static void a_worker_outlives_its_master(void **state)
@@ -133,8 +128,7 @@ static void a_worker_outlives_its_master(void **state)
     rig_sleep(0.5);
     rig_start_master(rig, BATCH_INTERVAL);
     rig_wait_workers(rig, 1);
-    job_settings_t settings = rig_settings();
-    assert_reference(rig, rig_submit(rig, &settings));
+    rig_assert_reference(rig, submit_short(rig, 32));
     kill(worker, SIGTERM);
     assert_int_equal(rig_wait_exit(rig, worker, 30), 0);
 }
@@ -148,7 +142,7 @@ static void a_stopped_master_goes_on(void **state)
     kill(rig->master, SIGSTOP);
     rig_sleep(2.5);
     kill(rig->master, SIGCONT);
-    assert_reference(rig, job);
+    rig_assert_reference(rig, job);
 }
 
 static void two_jobs_in_a_row(void **state)
@@ -157,14 +151,14 @@ static void two_jobs_in_a_row(void **state)
     rig_start_master(rig, BATCH_INTERVAL);
     rig_start_worker(rig);
     rig_start_worker(rig);
-    job_settings_t settings = rig_settings(), other = settings;
+    job_settings_t other = rig_settings();
     other.seed++;
     other.width = 48;
     other.spp = 50;
-    uint64_t first = rig_submit(rig, &other), second = rig_submit(rig, &settings);
-    assert_reference(rig, second);
+    uint64_t first = rig_submit(rig, &other), second = submit_short(rig, other.spp);
+    rig_assert_reference(rig, second);
     assert_int_equal(rig_wait_job(rig, first).state, JOB_DONE);
-    hash_t hash = rig_image_hash(rig, first), reference = rig_reference();
+    hash_t hash = rig_image_hash(rig, first), reference = rig_reference_at(other.spp);
     assert_false(hash_equal(&hash, &reference));
 }
 
@@ -173,15 +167,13 @@ static void a_cancelled_job_keeps_its_image(void **state)
     rig_t *rig = *state;
     rig_start_master(rig, BATCH_INTERVAL);
     rig_start_worker(rig);
-    job_settings_t settings = rig_settings(), endless = settings;
-    endless.spp = JOB_MAX_SPP;
-    uint64_t job = rig_submit(rig, &endless);
+    uint64_t job = submit_short(rig, JOB_MAX_SPP);
     rig_wait_samples(rig, job, 1);
-    uint64_t next = rig_submit(rig, &settings);
+    uint64_t next = submit_short(rig, 32);
     assert_int_equal(remote_cancel(rig->remote, job).code, RESULT_OK);
     assert_int_equal(rig_wait_job(rig, job).state, JOB_CANCELLED);
     rig_image_hash(rig, job);
-    assert_reference(rig, next);
+    rig_assert_reference(rig, next);
 }
 
 static void time_ends_a_job(void **state)

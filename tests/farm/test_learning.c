@@ -21,8 +21,8 @@ static hash_t render(const char *option)
     rig_t *rig = rig_new();
     char *path = scratch_path(rig->folder, "plain.exr");
     assert_int_equal(
-        rig_run(rig, (const char *[]){"render", "scenes/seed-hidden", "--resolution", "64x64", "--spp",
-                                      RIG_SPP, "--seed", "7", "--quiet", "-o", path, option, NULL}),
+        rig_run(rig, (const char *[]){"render", "scenes/seed-hidden", "--resolution", "64x64", "--spp", "64",
+                                      "--seed", "7", "--quiet", "-o", path, option, NULL}),
         0);
     hash_t hash = rig_file_hash(path);
     free(path);
@@ -33,7 +33,7 @@ static hash_t render(const char *option)
 static void plans_change_the_picture(void **state)
 {
     (void)state;
-    hash_t learned = rig_reference(), plain = render("--no-learn");
+    hash_t learned = rig_reference_at(64), plain = render("--no-learn");
     assert_false(hash_equal(&learned, &plain));
 }
 
@@ -46,13 +46,6 @@ static uint64_t submit(rig_t *rig)
 {
     job_settings_t settings = rig_settings();
     return rig_submit(rig, &settings);
-}
-
-static void assert_reference(rig_t *rig, uint64_t job)
-{
-    assert_int_equal(rig_wait_job(rig, job).state, JOB_DONE);
-    hash_t hash = rig_image_hash(rig, job), reference = rig_reference();
-    assert_true(hash_equal(&hash, &reference));
 }
 
 static void kills_in_any_pass_make_no_difference(void **state)
@@ -74,7 +67,7 @@ static void kills_in_any_pass_make_no_difference(void **state)
         }
         start_master(rig, data);
     }
-    assert_reference(rig, job);
+    rig_assert_reference(rig, job);
     scratch_destroy(&data);
 }
 
@@ -89,7 +82,7 @@ static void late_workers_go_by_the_same_plans(void **state)
     rig_start_worker(rig);
     rig_wait_workers(rig, 2);
     kill(first, SIGKILL);
-    assert_reference(rig, job);
+    rig_assert_reference(rig, job);
 }
 
 /* Checks are of any pass, and compare lessons too. */
@@ -100,8 +93,9 @@ static void checks_agree(void **state)
     for (int i = 0; i < 2; i++) rig_start_worker(rig);
     rig_wait_workers(rig, 2);
     job_settings_t settings = rig_settings();
-    uint64_t job = rig_submit_on(rig, &settings, &(job_terms_t){.name = "test", .verify = 0.3});
-    assert_reference(rig, job);
+    settings.spp /= 2;
+    uint64_t job = rig_submit_on(rig, &settings, &(job_terms_t){.name = "test", .verify = 0.5});
+    rig_assert_reference(rig, job);
     wire_message_t message;
     assert_int_equal(remote_status(rig->remote, job, &message).code, RESULT_OK);
     const Lm__JobStatus *status = message.envelope->job_status_reply->jobs[0];

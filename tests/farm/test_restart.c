@@ -76,13 +76,9 @@ static uint64_t samples_of(const job_settings_t *settings)
 /* The job ends with the pixels that it must have, and with an account that adds up. */
 static void assert_reference(restart_t *t, uint64_t job)
 {
-    rig_status_t status = rig_wait_job(t->rig, job);
-    assert_int_equal(status.state, JOB_DONE);
-    assert_true(status.samples_done == status.samples_total);
+    rig_status_t status = rig_assert_reference(t->rig, job);
     assert_true(status.counted == status.samples_done && status.out == 0);
     assert_true(status.issued == status.counted + status.returned);
-    hash_t hash = rig_image_hash(t->rig, job), reference = rig_reference();
-    assert_true(hash_equal(&hash, &reference));
 }
 
 /* Generations of checkpoints of job 1 that are there, latest first, at most 8; returns how many. */
@@ -119,6 +115,7 @@ static uint64_t begin_job(restart_t *t, uint32_t workers)
     for (uint32_t i = 0; i < workers; i++) rig_start_worker(t->rig);
     rig_wait_workers(t->rig, workers);
     job_settings_t settings = rig_settings();
+    if (workers == 1) settings.spp = settings.spp * 2 / 3; /* which takes it longer than all takes two */
     uint64_t job = rig_submit(t->rig, &settings);
     rig_wait_samples(t->rig, job, samples_of(&settings) / 10);
     return job;
@@ -176,6 +173,7 @@ static void a_queue_survives(void **state)
 {
     restart_t *t = *state;
     job_settings_t settings = rig_settings(), other = settings;
+    settings.spp = 32;
     other.spp = 8;
     other.seed++;
     start_master(t);
@@ -206,6 +204,7 @@ static void a_job_that_was_ending_ends(void **state)
     rig_start_worker(t->rig);
     rig_start_worker(t->rig);
     job_settings_t settings = rig_settings();
+    settings.spp = 64;
     uint64_t job = rig_submit(t->rig, &settings);
     while (rig_status(t->rig, job).state <= JOB_RUNNING) rig_sleep(0.002);
     restart_master(t);
@@ -496,6 +495,7 @@ static void films_of_the_past_make_room(void **state)
     rig_start_worker(t->rig);
     rig_start_worker(t->rig);
     job_settings_t settings = rig_settings(), big = settings;
+    settings.spp = 32;
     big.width = big.height = 256;
     big.spp = 2;
     for (uint64_t i = 1; i <= 5; i++) {

@@ -220,7 +220,7 @@ static void images_that_learn_are_right_on_average(void **state)
 static void adaptive_images_are_better(void **state)
 {
     (void)state;
-    enum { SIDE = 48, SEEDS = 2 };
+    enum { SIDE = 64, SEEDS = 2 };
     test_scene_t scene = lamp_scene(SIDE, 0.25f, 0.3f, false);
     job_settings_t settings = one_strategy(&scene.blob, 1, 2);
     settings.spp = 512;
@@ -283,8 +283,9 @@ static void planned_images_are_reproducible(void **state)
     test_scene_end(&scene);
 }
 
-int main(void)
+int main(int argc, char **argv)
 {
+    if (argc > 1) cmocka_set_test_filter(argv[1]); /* one test alone */
     const struct CMUnitTest tests[] = {cmocka_unit_test(the_error_that_ends_a_job_is_the_error),
                                        cmocka_unit_test(adaptive_images_are_right_on_average),
                                        cmocka_unit_test(images_that_learn_are_right_on_average),

@@ -542,7 +542,7 @@ static void filters_keep_the_mean(void **state)
     double truth = 0, truth_error = 0;
     for (size_t i = 0; i < ARRAY_LENGTH(texts); i++)
         for (int k = 0; k < 2; k++) {
-            estimate_image_t image = render(texts[i], k == 0 ? INTEGRATOR_PATH : INTEGRATOR_BDPT, 128);
+            estimate_image_t image = render(texts[i], k == 0 ? INTEGRATOR_PATH : INTEGRATOR_BDPT, 256);
             double error, mean = mean_of(&image, &error);
             if (i == 0 && k == 0) truth = mean, truth_error = error;
             print_message("filter %zu: %.5f +- %.5f, box %.5f\n", i, mean, error, truth);
@@ -591,10 +591,10 @@ static void white_things_vanish(void **state)
                                 "[%d]\nWorldBegin\n%s%s" END3,
                                 cameras[i & 1], i == 3 ? 1 : 3, skies[i % 2], things[i]);
         for (int k = 0; k < 2; k++) {
-            estimate_image_t image = render(text, k == 0 ? INTEGRATOR_PATH : INTEGRATOR_BDPT, 32);
+            estimate_image_t image = render(text, k == 0 ? INTEGRATOR_PATH : INTEGRATOR_BDPT, 64);
             double error, mean = mean_of(&image, &error);
             print_message("thing %zu: %.5f +- %.5f\n", i, mean, error);
-            assert_true(error < 0.003);
+            assert_true(error < 0.002);
             assert_true(fabs(mean - 1) < 4.5 * error + 1e-5);
             estimate_image_free(&image);
         }

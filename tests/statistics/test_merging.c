@@ -201,9 +201,9 @@ static void a_pool_agrees_with_brute_force(void **state)
 {
     (void)state;
     char *text = pool_with_lamp(0.8);
-    wish_t force = {.integrator = INTEGRATOR_PATH, .spp = 2048, .side = 48},
-           merging = {.integrator = INTEGRATOR_VCM, .spp = 128, .side = 48, .radius = 0.08},
-           seeking = {.integrator = INTEGRATOR_BDPT, .spp = 256, .side = 48, .learn = true};
+    wish_t force = {.integrator = INTEGRATOR_PATH, .spp = 4096, .side = 48},
+           merging = {.integrator = INTEGRATOR_VCM, .spp = 256, .side = 48, .radius = 0.08},
+           seeking = {.integrator = INTEGRATOR_BDPT, .spp = 512, .side = 48, .learn = true};
     estimate_image_t truth = render_text(text, &force);
     for (int k = 0; k < 2; k++) {
         const wish_t *wish = k == 0 ? &merging : &seeking;
