@@ -31,7 +31,8 @@ static media_numbers_t distance_numbers(const walk_t *walk, const sample_t *samp
         return (media_numbers_t){sample_2d(sample, dimension + DIMENSION_LIGHT_DISTANCE).y, key,
                                  sample->waves};
     float u = sample_2d(sample, dimension + DIMENSION_DISTANCE).y;
-    return (media_numbers_t){walk->other ? wrap(u + 0.5f) : u, walk->other ? ~key : key, sample->waves};
+    return walk->other ? (media_numbers_t){wrap(u + 0.5f), ~key, sample->waves}
+                       : (media_numbers_t){u, key, sample->waves};
 }
 
 /* Follows the walk through a piece of a medium, `distance` long. True when it is scattered there: the vertex
