@@ -209,14 +209,17 @@ static double single_albedo(double colour, double g)
 static result_t scattering(maker_t *m, const item_t *extension, const double loss[3])
 {
     double colour[3] = {0, 0, 0}, g = 0;
-    blob_medium_t medium = {.world_from_grid = xform_identity()};
+    blob_medium_t medium = {0};
     TRY(item_numbers(extension, "multiscatterColor", 3, 0, 1, colour, NULL));
     TRY(item_number(extension, "scatterAnisotropy", -0.999, 0.999, &g));
+    double scattered[3], absorbed[3];
     for (int i = 0; i < 3; ++i) {
         double share = single_albedo(colour[i], g);
-        (&medium.scattering.x)[i] = (float)fmin(share * loss[i], 1e9);
-        (&medium.absorption.x)[i] = (float)fmin((1 - share) * loss[i], 1e9);
+        scattered[i] = fmin(share * loss[i], 1e9);
+        absorbed[i] = fmin((1 - share) * loss[i], 1e9);
     }
+    medium.scattering = to_rgb(scattered);
+    medium.absorption = to_rgb(absorbed);
     medium.g = (float)g;
     if (v_is_zero(medium.scattering)) return result_ok();
     m->record.values[VALUE_ATTENUATION] = blob_constant(0);

@@ -168,7 +168,8 @@ static void join_camera(half_t *b, const vertex_t *y)
     float length = v_length(v_sub(view.position, vertex_point(y)));
     float r = view.density * vertex_area_cosine(y, view.w);
     if (!view.parallel) r *= medium_fade(b->setup, medium.number, length);
-    float direct = b->path.last / later_light_worth * first_light_count(b->setup, b->path.source);
+    float direct = b->path.last / later_light_worth *
+                   first_light_count(b->setup, b->path.source, y->kind == VERTEX_MEDIUM);
     float count = strategy_count(y, direct);
     float weight = weight_of(b, mis_share_counted(y, r, fy.pdf_rev, count) / square(splat_worth));
     float factor = vertex_cosine(y, view.w) * vertex_adjoint(y, view.w) * view.density;
@@ -214,7 +215,8 @@ static void hit_lights(half_t *b, const walk_t *walk, const vertex_t *z)
     for (uint32_t k = 0; k < vertex_light_count(z, b->setup->lights); k++) {
         light_hit_t hit;
         if (!vertex_light_hit(z, b->setup->lights, k, walk->point, &hit)) continue;
-        float count = walk->first ? first_light_count(b->setup, hit.light) : later_light_worth;
+        float count =
+            walk->first ? first_light_count(b->setup, hit.light, walk->in_medium) : later_light_worth;
         float share =
             z->depth == 1 ? 0 : mis_share_counted(z, hit.pdf_place, hit.pdf_ray, count * hit.view_ratio);
         float weight = weight_of(b, share);
@@ -244,7 +246,8 @@ static void join_light(half_t *b, const vertex_t *z, uint32_t k)
         fade = medium_fade(b->setup, light.medium, length);
     }
     if (vertex_eval(z, light.w, &fz)) {
-        float counted = light.density * (z->first ? first_light_worth : later_light_worth);
+        float counted =
+            light.density * (z->first ? first_worth(z->kind == VERTEX_MEDIUM) : later_light_worth);
         float light_share = light.delta ? 0 : square(fz.pdf * fade * light.geometry / counted);
         float eye_share = mis_share_counted(z, r_eye, fz.pdf_rev, strategy_count(z, splat_worth)) *
                           square(light.pdf_place / counted);
@@ -327,9 +330,12 @@ static void join_eye_vertex(half_t *b, vertex_t *z)
 {
     rgb_t throughput = z->throughput;
     if (!vertex_joins(z, b->sample, &z->throughput)) return;
+    rgb_t whole = z->throughput;
+    if (z->twice) z->throughput = v_scale(whole, 0.5f);
     if (is_wanted(b, 1, z->depth + 1))
         for (uint32_t k = 0; k < vertex_view_count(z, b->setup->lights); k++) join_light(b, z, k);
-    join_pool(b, z);
+    z->throughput = whole;
+    if (!z->other) join_pool(b, z);
     if (b->connections.segments.count > 0) take_connections(b);
     z->throughput = throughput;
 }
@@ -340,7 +346,8 @@ static void join_eye_vertex(half_t *b, vertex_t *z)
 static float merging_weight(const half_t *b, const vertex_t *z, const photon_t *y, const bsdf_value_t *fz)
 {
     bool first = y->depth == 1 && z->first;
-    float count = first ? first_light_count(b->setup, y->light) / later_light_worth : 1;
+    float count =
+        first ? first_light_count(b->setup, y->light, z->kind == VERTEX_MEDIUM) / later_light_worth : 1;
     float light = square(count) * y->direct + square(fz->pdf) * y->inner;
     float eye = square(strategy_count(z, splat_worth)) * z->direct + square(fz->pdf_rev) * z->inner;
     return 1 / (1 + (light + eye) / z->merging);
@@ -562,6 +569,17 @@ static void note_seeker(const half_t *b, walk_t *walk, const seeker_t *seeker)
     }
 }
 
+/* Joins what the other flight of a walk ends at. */
+static void take_flight(half_t *b, const walk_t *before)
+{
+    walk_t walk;
+    vertex_t z;
+    if (lights_empty(b->setup->lights) || !walk_flight(before, b->sample, &walk, &z)) return;
+    vertex_shade(&z, b->setup, false);
+    if (b->eta > 0) walk_weigh_merging(&walk, &z, b->eta);
+    join_eye_vertex(b, &z);
+}
+
 static rgb_t bdpt_eye(sample_t *sample)
 {
     half_t b;
@@ -573,7 +591,9 @@ static rgb_t bdpt_eye(sample_t *sample)
     vec3_t eye = walk.origin;
     for (;;) {
         vertex_t z;
+        walk_t before = walk;
         walk_arrive(&walk, sample, &z);
+        if (walk.flew) take_flight(&b, &before);
         if (!vertex_is_near(&z, b.setup) || !walk_weigh(&walk, &z)) break;
         hit_lights(&b, &walk, &z);
         bool ends = !vertex_has_room(&z, segments);

@@ -22,7 +22,7 @@ static rgb_t direct_light(sample_t *sample, const walk_t *walk, const vertex_t *
         return vec3(0, 0, 0);
     float density = light.density / light.geometry; /* per steradian */
     if (vertex_eval(z, light.w, &value)) {
-        float counted = z->first ? first_light_worth * density : density;
+        float counted = z->first ? first_worth(z->kind == VERTEX_MEDIUM) * density : density;
         if (!light.delta) weight = power_heuristic(counted, value.pdf);
     } else {
         float distance2, seen = z->depth == 1 ? walk_density(walk, z, &distance2) : 0;
@@ -50,7 +50,8 @@ static rgb_t emitted(sample_t *sample, const walk_t *walk, const vertex_t *z)
                             ? 1
                             : v_length2(v_sub(vertex_point(z), walk->point)) / vertex_area_cosine(z, z->wo);
         bool found = z->depth > 1 && walk->joinable;
-        float count = hit.view_ratio * (walk->first ? first_light_count(setup, hit.light) : 1);
+        float count =
+            hit.view_ratio * (walk->first ? first_light_count(setup, hit.light, walk->in_medium) : 1);
         float weight = found ? power_heuristic(walk->pdf, count * hit.pdf_place * measure) : 1;
         rgb_t radiance = v_scale(hit.radiance, weight);
         sum = v_add(sum, radiance);
@@ -70,6 +71,16 @@ static rgb_t next_event(sample_t *sample, const walk_t *walk, vertex_t *z)
     return radiance;
 }
 
+/* The same at the end of the other flight of a walk. */
+static rgb_t other_flight(sample_t *sample, const walk_t *before)
+{
+    walk_t walk;
+    vertex_t z;
+    if (!walk_flight(before, sample, &walk, &z)) return vec3(0, 0, 0);
+    vertex_shade(&z, sample->setup, false);
+    return next_event(sample, &walk, &z);
+}
+
 /* What the walk from the camera brings from the lights. */
 static rgb_t gather(sample_t *sample, walk_t *walk)
 {
@@ -79,7 +90,10 @@ static rgb_t gather(sample_t *sample, walk_t *walk)
     vec3_t eye = walk->origin;
     for (;;) {
         vertex_t z;
+        walk_t before = *walk;
         walk_arrive(walk, sample, &z);
+        if (walk->flew && !lights_empty(setup->lights))
+            radiance = v_add(radiance, other_flight(sample, &before));
         if (!vertex_is_near(&z, setup)) return radiance;
         if (vertex_light_count(&z, setup->lights) > 0)
             radiance = v_add(radiance, v_mul(z.throughput, emitted(sample, walk, &z)));

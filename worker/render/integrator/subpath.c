@@ -29,7 +29,8 @@ static media_numbers_t distance_numbers(const walk_t *walk, const sample_t *samp
     uint64_t key = side.sample_key + 0xD6E8FEB86659FD93u * (dimension + 1);
     if (walk->mode == TRANSPORT_IMPORTANCE)
         return (media_numbers_t){sample_2d(sample, dimension + DIMENSION_LIGHT_DISTANCE).y, key};
-    return (media_numbers_t){sample_2d(sample, dimension + DIMENSION_DISTANCE).y, key};
+    float u = sample_2d(sample, dimension + DIMENSION_DISTANCE).y;
+    return walk->other ? (media_numbers_t){wrap(u + 0.5f), ~key} : (media_numbers_t){u, key};
 }
 
 /* Follows the walk through a piece of a medium, `distance` long. True when it is scattered there: the vertex
@@ -61,8 +62,10 @@ static void pass_media(walk_t *walk, sample_t *sample, bool hit, vertex_t *verte
     vec3_t from = walk->origin;
     blob_ref_t start = walk->medium.number;
     walk->fade = walk->fade_back = 1;
+    walk->flew = false;
     for (int i = 0;; i++) {
         float distance = hit ? v_length(v_sub(vertex_point(vertex), from)) : INFINITY;
+        walk->flew = walk->flew || (walk->medium.number != 0 && !media_is_body(media, walk->medium.number));
         if (walk->medium.number != 0 && meet_medium(walk, sample, from, distance, &numbers, vertex)) break;
         vertex->kind = hit && i < MOST_BORDERS ? VERTEX_SURFACE : VERTEX_SKY;
         if (vertex->kind == VERTEX_SKY || !surface_is_interface(&vertex->surface)) break;
@@ -70,6 +73,8 @@ static void pass_media(walk_t *walk, sample_t *sample, bool hit, vertex_t *verte
         from = scene_offset(&vertex->surface, walk->direction);
         hit = look_on(walk, sample, from, vertex);
     }
+    walk->flew = walk->flew && vertex->first && walk->mode == TRANSPORT_RADIANCE;
+    vertex->twice = walk->flew && vertex->kind == VERTEX_MEDIUM;
     vertex->media[0] = vertex->media[1] = walk->medium.number;
     if (is_inner(sample->setup, start, walk->medium.number)) {
         vertex->came_within = true;
@@ -93,7 +98,8 @@ void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
     vertex->kind = hit ? VERTEX_SURFACE : VERTEX_SKY;
     vertex->mode = walk->mode;
     vertex->depth = ++walk->depth;
-    vertex->came_within = vertex->bounds = false;
+    vertex->came_within = vertex->bounds = vertex->twice = false;
+    vertex->other = walk->other;
     walk->length++;
     vertex->first = !walk->scattered;
     vertex->media[0] = vertex->media[1] = 0;
@@ -116,10 +122,20 @@ void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
                   medium_transmittance(&walk->medium, v_length(v_sub(vertex_point(vertex), walk->point))));
 }
 
+bool walk_flight(const walk_t *before, sample_t *sample, walk_t *walk, vertex_t *vertex)
+{
+    *walk = *before;
+    walk->other = true;
+    walk_arrive(walk, sample, vertex);
+    return vertex->twice && vertex_is_near(vertex, sample->setup) &&
+           vertex_has_room(vertex, setup_max_segments(sample->setup)) && walk_weigh(walk, vertex);
+}
+
 /* Leaves the vertex in direction w; how it was drawn is noted. */
 static void go_on(walk_t *walk, const vertex_t *vertex, vec3_t w)
 {
     walk->first = !walk->scattered;
+    walk->in_medium = vertex->kind == VERTEX_MEDIUM;
     walk->scattered = walk->scattered || walk->joinable;
     walk->parallel = false;
     walk->direction = w;

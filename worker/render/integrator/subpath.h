@@ -95,6 +95,9 @@ typedef struct {
     bool parallel;  /* vertex i - 1 is at infinity, or the camera orthographic */
     bool scattered; /* by something that is not specular */
     bool first;     /* as of vertex i - 1 */
+    bool in_medium; /* vertex i - 1 is */
+    bool other;     /* the flight to vertex i is the other one (walk_flight) */
+    bool flew;      /* on arrival: there are two flights to vertex i */
     /* Of an eye subpath: where it last scattered by something that is not specular, if rays to caustics
      * (caustics.h) may be sent from there; and the part of what it runs into from there by way of specular
      * vertices that is left to it, since such rays find it, too. */
@@ -106,13 +109,19 @@ typedef struct {
  * are spread, or how much alike they are (all measured: docs/performance.md). Strata do most for the places
  * that the first vertex draws on lights, less further down, and least for where splats fall. */
 static const float first_light_worth = 1.5f;
+static const float first_light_worth_in_media = 0.7f; /* at the ends of flights */
 static const float later_light_worth = 0.5f;
 static const float splat_worth = 0.7f;
 
-/* How many places s = 1 counts as drawing at the first vertex for one of lights_illuminate on this light. */
-static inline float first_light_count(const setup_t *setup, uint32_t light)
+static inline float first_worth(bool in_medium)
 {
-    return first_light_worth * lights_first_times(setup->lights, light);
+    return in_medium ? first_light_worth_in_media : first_light_worth;
+}
+
+/* How many places s = 1 counts as drawing at the first vertex for one of lights_illuminate on this light. */
+static inline float first_light_count(const setup_t *setup, uint32_t light, bool in_medium)
+{
+    return first_worth(in_medium) * lights_first_times(setup->lights, light);
 }
 
 /* Eye vertices choose whom of a whole block's light vertices they are joined to (light_pool.h), which makes s
@@ -186,6 +195,13 @@ static inline bool walk_from_light(const sample_t *sample, roulette_t roulette, 
 /* Moves on to the next vertex, which has no BSDF yet (vertex_shade). It is of the sky when the ray leaves the
  * scene, and in a medium when this scatters. */
 void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex);
+
+/* FLIGHTS. Where an eye subpath that nothing has scattered yet comes through a medium, it is chance alone how
+ * far it gets, and all light that the camera sees there varies with it. So there are two flights, with
+ * numbers half a period apart: two vertices are joined to lights, for half of what one would count, and one
+ * goes on. The walk has arrived by the first (`flew`); `before` is the walk before that. True when the other
+ * one ends at a vertex in a medium, which has no BSDF yet. */
+bool walk_flight(const walk_t *before, sample_t *sample, walk_t *walk, vertex_t *vertex);
 
 /* p_i of the vertex: per area, of the sky per steradian. *distance2 receives what is squared in g. */
 static inline float walk_density(const walk_t *walk, const vertex_t *vertex, float *distance2)
@@ -269,16 +285,16 @@ static inline int light_segments(const setup_t *setup)
 }
 
 /* How often a vertex is joined to others, which counts the more then: a subpath has many in a body, which
- * bring little each, but for those on its surface. So there are about 8 log(within) of them. A function of the
- * vertex; the chances of strategies, as weights know them, are those without it. */
+ * bring little each, but for those on its surface. So there are about 8 log(within) of them. A function of
+ * the vertex; the chances of strategies, as weights know them, are those without it. */
 static inline float joining_chance(const vertex_t *vertex)
 {
     const float surely = vertex->kind == VERTEX_MEDIUM ? 8 : 64;
     return vertex->bounds && (float)vertex->within > surely ? surely / (float)vertex->within : 1;
 }
 
-/* Whether it is, by the numbers of the sample; *throughput, the vertex's, is then raised to what it counts for
- * this. */
+/* Whether it is, by the numbers of the sample; *throughput, the vertex's, is then raised to what it counts
+ * for this. */
 static inline bool vertex_joins(const vertex_t *vertex, const sample_t *sample, rgb_t *throughput)
 {
     float chance = joining_chance(vertex);

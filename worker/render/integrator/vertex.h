@@ -26,6 +26,7 @@ typedef struct {
     bool came_within;    /* the segment before it lies in a body */
     bool bounds;         /* it lies in a body, or on what parts one from other media */
     bool first;          /* nothing but mirrors and clear glass lies between it and the subpath's start */
+    bool twice, other;   /* it lies at the end of one of two flights; of the other one (walk_flight) */
     uint32_t dimension;  /* where its random numbers begin */
     blob_ref_t media[2]; /* on the side away from the geometric normal, and on that of it */
     vec3_t wo;           /* unit direction to vertex i - 1 */
@@ -159,6 +160,11 @@ static inline uint32_t vertex_view_count(const vertex_t *vertex, const lights_t 
 {
     return vertex->first ? lights_first_count(lights) : 1;
 }
+/* A number below 2 within [0, 1). */
+static inline float wrap(float u)
+{
+    return u < 1 ? u : u - 1;
+}
 /* Draws the k-th of them; false when it does not light the vertex. */
 static inline bool vertex_view_light(const vertex_t *vertex, const sample_t *sample, uint32_t k,
                                      light_view_t *view)
@@ -169,6 +175,7 @@ static inline bool vertex_view_light(const vertex_t *vertex, const sample_t *sam
     if (!vertex->first)
         return lights_illuminate(lights, vertex_point(vertex), choice, sampler_2d(&sampler), view);
     vec2_t place = sample_2d(sample, DIMENSION_FIRST_LIGHTS + lights_first_pair(lights, k));
+    if (vertex->other) place = (vec2_t){wrap(place.x + 0.618034f), wrap(place.y + 0.754878f)};
     return lights_illuminate_first(lights, k, vertex_point(vertex), choice, place, view);
 }
 

@@ -335,16 +335,19 @@ static rgb_t emission_at(const matter_t *m, const march_t *march, vec3_t point, 
     return emission;
 }
 
-/* Emission by the tentative collisions: each stands for 1 / bound of the way. */
+/* Emission by the tentative collisions: each stands for 1 / bound of the way. Thin media get more of them
+ * than their extinction asks for. */
 static rgb_t emit_in_grid(const matter_t *m, vec3_t from, vec3_t direction, float distance,
                           media_numbers_t *numbers)
 {
+    const float looks = 8; /* on all of the way through the box */
     march_t march;
     float begin, end, most, free = next_collision(numbers);
     rgb_t left = {1, 1, 1}, sum = {0, 0, 0};
     march_begin(&march, m->density, from, direction, distance);
+    float least = march.at < march.end ? looks / (march.end - march.at) : 1;
     while (march_next(&march, &begin, &end, &most)) {
-        float bound = most * float_max(m->most, 1e-9f);
+        float bound = float_max(most * m->most, least);
         if (!(most > 0)) continue;
         for (float t = begin; collides(bound, end, &t, &free); free = next_collision(numbers)) {
             vec3_t point = v_add(from, v_scale(direction, t));

@@ -57,32 +57,39 @@ static result_t set_body(pbrt_t *p, position_t at, rgb_t absorption, rgb_t scatt
                         largest);
     p->body.absorption = absorption;
     p->body.scattering = scattering;
-    p->body.world_from_grid = xform_identity();
     p->has_body = true;
     return result_ok();
+}
+
+static float part(float a, float b)
+{
+    return a / fmaxf(b, 1e-6f);
+}
+
+/* What of a colour the brightest one leaves to the surface. */
+static void tint_surface(blob_material_t *record, const blob_value_t *colour, rgb_t most)
+{
+    rgb_t c = colour->factor;
+    record->values[VALUE_ALBEDO] =
+        (blob_value_t){vec3(part(c.x, most.x), part(c.y, most.y), part(c.z, most.z)), colour->texture};
+    record->flags |= MATERIAL_TINTED_BODY;
 }
 
 /* The medium of a colour and a mean free path of each channel; the colour may vary. */
 static result_t set_colour(pbrt_t *p, params_t *params, position_t at, const blob_value_t *colour, rgb_t path,
                            blob_material_t *record)
 {
-    double eta = 0;
-    rgb_t index, most, least = times(vec3(1, 1, 1), 1e-4 * (double)v_max(path)), albedo;
+    rgb_t index, most = scene_value_most(p->builder, colour);
+    float least = 1e-4f * v_max(path);
     TRY(even_value(p, params, "eta", at, &record->values[VALUE_ETA], &index));
-    eta = fmin(fmax((double)index.x, 0.1), 10);
-    most = scene_value_most(p->builder, colour);
+    double eta = fmin(fmax((double)index.x, 0.1), 10), g = (double)p->body.g;
+    if (!(least > 0)) return error_at(at, "the mean free path below this surface must be over 0");
     most = vec3(fminf(most.x, 1), fminf(most.y, 1), fminf(most.z, 1));
-    path = vec3(fmaxf(path.x, least.x), fmaxf(path.y, least.y), fmaxf(path.z, least.z));
-    if (!(v_max(path) > 0)) return error_at(at, "the mean free path below this surface must be over 0");
-    for (int i = 0; i < 3; ++i)
-        (&albedo.x)[i] = (float)half_space_albedo((double)(&most.x)[i], (double)p->body.g, eta);
-    if (colour->texture != 0) {
-        blob_value_t *share = &record->values[VALUE_ALBEDO];
-        *share = *colour;
-        for (int i = 0; i < 3; ++i) (&share->factor.x)[i] /= fmaxf((&most.x)[i], 1e-6f);
-        record->flags |= MATERIAL_TINTED_BODY;
-    }
-    rgb_t loss = vec3(1 / path.x, 1 / path.y, 1 / path.z);
+    if (colour->texture != 0) tint_surface(record, colour, most);
+    rgb_t loss = vec3(1 / fmaxf(path.x, least), 1 / fmaxf(path.y, least), 1 / fmaxf(path.z, least));
+    rgb_t albedo = vec3((float)half_space_albedo((double)most.x, g, eta),
+                        (float)half_space_albedo((double)most.y, g, eta),
+                        (float)half_space_albedo((double)most.z, g, eta));
     rgb_t scattering = v_mul(albedo, loss);
     return set_body(p, at, v_sub(loss, scattering), scattering);
 }
@@ -105,6 +112,7 @@ static result_t read_colour(pbrt_t *p, params_t *params, const char *name, posit
     TRY(pbrt_colour_value(p, params, name, COLOUR_REFLECTANCE, &colour));
     TRY(even_colour(p, params, "mfp", at, &path));
     TRY(read_scale(params, &scale));
+    TRY(scene_check_textures(p->builder, at));
     return set_colour(p, params, at, &colour, times(path, scale), record);
 }
 
@@ -158,20 +166,23 @@ result_t pbrt_read_kdsubsurface(pbrt_t *p, params_t *params, position_t at, blob
 }
 
 /* The distance d of Burley's profile is a fifth of "scatterdistance" in pbrt, and a mean free path is s d,
- * where s depends on the colour A: 1.9 - A + 3.5 (A - 0.8)^2 (Christensen and Burley 2015, "Approximate
- * Reflectance Profiles for Efficient Subsurface Scattering", equation 6). */
+ * where s depends on the colour (Christensen and Burley 2015, "Approximate Reflectance Profiles for Efficient
+ * Subsurface Scattering", equation 6). */
+static float free_path(float distance, float colour)
+{
+    float a = fminf(colour, 1);
+    return 0.2f * distance * (1.9f - a + 3.5f * (a - 0.8f) * (a - 0.8f));
+}
+
 result_t pbrt_read_scatter_distance(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)
 {
-    rgb_t distance = {0, 0, 0}, path;
+    rgb_t d = {0, 0, 0};
     const blob_value_t colour = record->values[VALUE_REFLECTANCE];
-    TRY(even_colour(p, params, "scatterdistance", at, &distance));
-    if (v_is_zero(distance) || record->flags & MATERIAL_THIN) return result_ok();
+    TRY(even_colour(p, params, "scatterdistance", at, &d));
+    if (v_is_zero(d) || record->flags & MATERIAL_THIN) return result_ok();
     TRY(scene_check_textures(p->builder, at));
     rgb_t most = scene_value_most(p->builder, &colour);
-    for (int i = 0; i < 3; ++i) {
-        float a = fminf((&most.x)[i], 1), s = 1.9f - a + 3.5f * (a - 0.8f) * (a - 0.8f);
-        (&path.x)[i] = 0.2f * s * (&distance.x)[i];
-    }
+    rgb_t path = vec3(free_path(d.x, most.x), free_path(d.y, most.y), free_path(d.z, most.z));
     record->flags |= MATERIAL_TINTED_BODY;
     record->values[VALUE_ALBEDO] = blob_constant(1);
     return set_colour(p, params, at, &colour, path, record);

@@ -119,7 +119,7 @@ static void directives_in_the_wrong_place_are_refused(void **state)
         {"Import \"x.pbrt\"", "1:1: Import must come after WorldBegin"},
         {"MakeNamedMedium \"a\" \"string type\" \"nanovdb\"\nWorldBegin\nMediumInterface \"a\" \"\"\nShape "
          "\"sphere\"",
-         "1:1: medium \"a\": the type \"nanovdb\" is not supported; the nearest is empty space"},
+         "1:1: a nanovdb medium needs its file: \"string filename\""},
         {"ColorSpace \"wurst\"", "1:1: "},
         {"Attribute \"wurst\"", "1:1: Attribute \"wurst\": shape, light"},
     };
