@@ -174,7 +174,7 @@ static void rounds_make_no_difference(void **state)
     char *path = scratch_path(rig->folder, "image.exr");
     assert_int_equal(
         rig_run(rig, (const char *[]){"render", "scenes/seed-hidden", "--quiet", "-o", path, "--resolution",
-                                      "128x128", "--tile-size", "16", "--adaptive", "--error", "0.07", NULL}),
+                                      "128x128", "--tile-size", "16", "--adaptive", "--error", "0.05", NULL}),
         0);
     check_layers(path, true);
     hash_t reference = rig_file_hash(path);
@@ -188,7 +188,7 @@ static void rounds_make_no_difference(void **state)
     settings.spp = JOB_MAX_SPP;
     settings.seed = 0;
     settings.adaptive = true;
-    settings.error = 0.07;
+    settings.error = 0.05;
     settings.film_scale -= 2; /* as the command does */
     uint64_t job = rig_submit(rig, &settings);
     rig_wait_samples(rig, job, 128 * 128 * 8);
