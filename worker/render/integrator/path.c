@@ -60,25 +60,25 @@ static rgb_t emitted(sample_t *sample, const walk_t *walk, const vertex_t *z)
     return sum;
 }
 
-/* What the lights that the vertex is joined to bring. */
-static rgb_t next_event(sample_t *sample, const walk_t *walk, vertex_t *z)
+/* Adds what the lights that the vertex is joined to bring. */
+static void add_next_event(sample_t *sample, const walk_t *walk, vertex_t *z, rgb_t *radiance)
 {
-    rgb_t radiance = {0, 0, 0}, throughput = z->throughput;
-    if (vertex_joins(z, sample, &z->throughput))
-        for (uint32_t k = 0; k < vertex_view_count(z, sample->setup->lights); k++)
-            radiance = v_add(radiance, v_mul(z->throughput, direct_light(sample, walk, z, k)));
+    rgb_t throughput = z->throughput;
+    if (!vertex_joins(z, sample, &z->throughput)) return;
+    if (z->twice) z->throughput = v_scale(z->throughput, 0.5f);
+    for (uint32_t k = 0; k < vertex_view_count(z, sample->setup->lights); k++)
+        *radiance = v_add(*radiance, v_mul(z->throughput, direct_light(sample, walk, z, k)));
     z->throughput = throughput;
-    return radiance;
 }
 
 /* The same at the end of the other flight of a walk. */
-static rgb_t other_flight(sample_t *sample, const walk_t *before)
+static void add_flight(sample_t *sample, const walk_t *before, rgb_t *radiance)
 {
     walk_t walk;
     vertex_t z;
-    if (!walk_flight(before, sample, &walk, &z)) return vec3(0, 0, 0);
+    if (!walk_flight(before, sample, &walk, &z)) return;
     vertex_shade(&z, sample, false);
-    return next_event(sample, &walk, &z);
+    add_next_event(sample, &walk, &z, radiance);
 }
 
 /* What the walk from the camera brings from the lights. */
@@ -92,8 +92,7 @@ static rgb_t gather(sample_t *sample, walk_t *walk)
         vertex_t z;
         walk_t before = *walk;
         walk_arrive(walk, sample, &z);
-        if (walk->flew && !lights_empty(setup->lights))
-            radiance = v_add(radiance, other_flight(sample, &before));
+        if (walk->flew && !lights_empty(setup->lights)) add_flight(sample, &before, &radiance);
         if (!vertex_is_near(&z, setup)) return radiance;
         if (vertex_light_count(&z, setup->lights) > 0)
             radiance = v_add(radiance, v_mul(z.throughput, emitted(sample, walk, &z)));
@@ -103,7 +102,7 @@ static rgb_t gather(sample_t *sample, walk_t *walk)
         if (z.depth == 1) vertex_first_hit(&z, sample, eye);
         if (ends) return radiance;
         if (vertex_is_joinable(&z) && !lights_empty(setup->lights))
-            radiance = v_add(radiance, next_event(sample, walk, &z));
+            add_next_event(sample, walk, &z, &radiance);
         if (!walk_scatter(walk, sample, &z)) return radiance;
     }
 }
