@@ -14,7 +14,9 @@ static void check_table(const measured_table_t *table)
     measured_table_add(table, builder);
     fuzz_end_blob(&builder, &bytes, &blob);
     const lobe_t lobe = {
-        .kind = &lobe_measured, .chance = 0.5f, .measured = {blob.measurements, blob.numbers, {1, 1, 1}}};
+        .kind = &lobe_measured,
+        .chance = 0.5f,
+        .measured = {.table = blob.measurements, .numbers = blob.numbers, .factor = {1, 1, 1}}};
     fuzz_scatter(&lobe);
     free(bytes);
 }

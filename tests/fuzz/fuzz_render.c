@@ -1,5 +1,6 @@
 /* fuzz_render: any bytes as a scene blob, mended like those of fuzz_blob, and then rendered: a few samples of
- * a few pixels. Whatever blob_open lets through must neither crash nor hang the renderer. */
+ * a few pixels, with wavelengths where it has spectra. Whatever blob_open lets through must neither crash nor
+ * hang the renderer. */
 #include "tests/fuzz/fuzz.h"
 
 #include <stdlib.h>
@@ -13,6 +14,8 @@ static void render(const scene_blob_t *blob)
     settings.spp = 2;
     settings.tile_size = JOB_MIN_TILE;
     settings.max_depth = int_min(settings.max_depth, 5);
+    bool is_for_colours = settings.integrator == INTEGRATOR_AO || settings.integrator == INTEGRATOR_VCM;
+    settings.spectral = blob->counts[BLOB_SECTION_SPECTRA] > 0 && !is_for_colours;
     result_t result = job_settings_check(&settings);
     fuzz_expect(result.code == RESULT_OK, result.message);
     renderer_t *renderer;
