@@ -146,6 +146,13 @@ result_t job_settings_check(const job_settings_t *settings)
     if (settings->cryptomatte && settings->integrator == INTEGRATOR_LIGHT)
         return result_fail(RESULT_USAGE, "cryptomatte shows what eye rays meet, and the integrator light "
                                          "follows none: use bdpt or path");
+    if (settings->spectral &&
+        (settings->integrator == INTEGRATOR_AO || settings->integrator == INTEGRATOR_VCM))
+        return result_fail(RESULT_USAGE, "a spectral render goes with bdpt, path and light, not with %s: %s",
+                           integrator_name(settings->integrator),
+                           settings->integrator == INTEGRATOR_AO
+                               ? "ambient occlusion has no colours"
+                               : "photons of other samples have other wavelengths");
     TRY(light_groups_check(settings->light_groups));
     if (settings->light_groups[0] != '\0' && settings->integrator == INTEGRATOR_AO)
         return result_fail(RESULT_USAGE, "light groups tell lights apart, and the integrator ao (ambient "
@@ -280,6 +287,7 @@ hash_t job_content_hash(const job_settings_t *settings, const hash_t *blob)
     if (settings->merge_radius > 0)
         length +=
             snprintf(text + length, sizeof text - (size_t)length, " merge %.17g", settings->merge_radius);
+    if (settings->spectral) length += snprintf(text + length, sizeof text - (size_t)length, " spectral");
     return hash_bytes(text, (size_t)length);
 }
 

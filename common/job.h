@@ -69,6 +69,7 @@ typedef struct {
     /* Of vcm: photons are merged within this distance in sample 0, in units of the scene, and within less in
      * later ones; 0: as far as the scene's size on the film says. */
     double merge_radius;
+    bool spectral; /* light has wavelengths, not red, green and blue; not with ao and vcm */
 } job_settings_t;
 
 /* What is wanted of a job beside its picture. Nothing of it changes a sample. */

@@ -14,6 +14,7 @@ rules() {
 common
 common/image                : common
 common/options              : common
+common/colour               : common
 common/notify               : common/options
 common/text                 : common
 common/scene                : common/text
@@ -22,9 +23,10 @@ proto/wire                  : common/film common/scene common/options common/tex
 proto/uplink                : proto/wire
 proto/serve                 : proto/wire
 worker/render/sampling      : common
+worker/render/spectral      : common/scene common/colour
 worker/render/texture       : worker/render/sampling common/scene
 worker/render/scene         : worker/render/texture
-worker/render/bsdf          : worker/render/sampling common/scene
+worker/render/bsdf          : worker/render/sampling worker/render/spectral
 worker/render/tabulated     : worker/render/bsdf
 worker/render/medium        : worker/render/bsdf worker/render/texture
 worker/render/material      : worker/render/tabulated worker/render/scene
@@ -48,7 +50,7 @@ master/threads              : master/http common/notify
 master                      : master/threads
 relay                       : proto/uplink proto/serve
 client/import/scene         : common/scene common/image common/options
-client/import/files         : client/import/scene
+client/import/files         : client/import/scene common/colour
 client/import/environment   : client/import/files
 client/import/tessellate    : client/import/scene
 client/import/obj           : client/import/files

@@ -123,6 +123,10 @@ static const option_t rows[] = {
     OPTION(overrides_t, merge_radius, "merge-radius", "R",
            "merge photons within R scene units at first (vcm; default: the width of two pixels)",
            OPTION_RANGE(1e-30, JOB_MAX_MERGE_RADIUS)),
+    OPTION(
+        overrides_t, spectral, "spectral", NULL,
+        "light has wavelengths, not red, green and blue: glass disperses, and measured spectra count as they "
+        "are (bdpt, path, light)"),
     OPTION(overrides_t, no_layers, "no-layers", NULL,
            "without the layers of what is seen: albedo, normal, position, depth, ..."),
     OPTION(

@@ -117,6 +117,7 @@ static void add_settings(image_t *image, const job_settings_t *settings)
             "consistent, not unbiased: merging blurs light, the less the more samples there are");
     if (settings->merge_radius > 0)
         image_set_float(image, "lightmill.mergeRadius", (float)settings->merge_radius);
+    if (settings->spectral) image_set_int(image, "lightmill.spectral", 1);
     if (settings->light_groups[0] != '\0')
         image_set_string(image, "lightmill.lightGroups", settings->light_groups);
     if (settings->strategy_t == 0) return;

@@ -410,7 +410,9 @@ static result_t check_materials(const scene_blob_t *blob)
                      ref_is_valid(m->bump, textures) && isfinite(m->normal_scale) &&
                      ref_is_valid(m->body, blob->counts[BLOB_SECTION_MEDIA]) &&
                      ref_is_valid(m->coat_normal_map, textures) && isfinite(m->coat_normal_scale);
-        for (int k = 0; k < MATERIAL_VALUES && valid; k++) valid = value_is_valid(&m->values[k], textures);
+        for (int k = 0; k < MATERIAL_VALUES && valid; k++)
+            valid = value_is_valid(&m->values[k], textures) &&
+                    ref_is_valid(m->values[k].spectrum, blob->counts[BLOB_SECTION_SPECTRA]);
         if (valid && m->kind == MATERIAL_MIX) {
             valid = m->parts[0] < i && m->parts[1] < i &&
                     blob->materials[m->parts[0]].kind != MATERIAL_INTERFACE &&
@@ -447,6 +449,8 @@ static result_t check_lights(const scene_blob_t *blob)
               light->kind);
         CHECK(rgb_is_valid(light->radiance.factor),
               "light %llu: its radiance must be finite and not negative", id);
+        CHECK(ref_is_valid(light->radiance.spectrum, blob->counts[BLOB_SECTION_SPECTRA]),
+              "light %llu: no spectrum %u", id, light->radiance.spectrum);
         CHECK(all_finite(light->parameters, 4), "light %llu: its parameters are not finite", id);
         CHECK(ref_is_valid(light->image, blob->counts[BLOB_SECTION_IMAGES]), "light %llu: no image %u", id,
               light->image);

@@ -27,6 +27,16 @@ static result_t check_numbers(const scene_blob_t *blob)
     return result_ok();
 }
 
+static result_t check_spectra(const scene_blob_t *blob)
+{
+    const float largest = 1e9f;
+    for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_SPECTRA]; i++)
+        for (int k = 0; k < BLOB_SPECTRUM_SAMPLES; k++)
+            CHECK(blob->spectra[i].samples[k] >= 0 && blob->spectra[i].samples[k] <= largest,
+                  "spectrum %llu has a negative sample, or one that is too large", (unsigned long long)i);
+    return result_ok();
+}
+
 /* Each number exceeds the one before it by `least` or more. */
 static bool ascends(const float *values, uint32_t count, float least)
 {
@@ -286,6 +296,7 @@ result_t blob_check_tables(const scene_blob_t *blob)
 {
     ends_t ends = {0};
     TRY(check_numbers(blob));
+    TRY(check_spectra(blob));
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_FOURIERS]; i++)
         TRY(check_fourier(blob, &blob->fouriers[i], &ends, i));
     ends.number = 0; /* of these no table of the other kind is read */

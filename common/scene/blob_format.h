@@ -26,7 +26,10 @@ enum {
     BLOB_BRICK_SHIFT = 3,
     BLOB_BRICK_SIDE = 1 << BLOB_BRICK_SHIFT,
     BLOB_BRICK_CELLS = BLOB_BRICK_SIDE * BLOB_BRICK_SIDE * BLOB_BRICK_SIDE,
-    BLOB_GLOW_STEPS = 1024 /* colours of black bodies */
+    BLOB_GLOW_STEPS = 1024,    /* colours of black bodies */
+    BLOB_SPECTRUM_FIRST = 360, /* nm */
+    BLOB_SPECTRUM_STEP = 5,
+    BLOB_SPECTRUM_SAMPLES = 95
 };
 
 typedef enum {
@@ -57,6 +60,7 @@ typedef enum {
     BLOB_SECTION_SERIES,       /* blob_series_t */
     BLOB_SECTION_MEASUREMENTS, /* blob_measured_t */
     BLOB_SECTION_NUMBERS,      /* float, of the tables of BSDFs and of media; at most 1e9 in size */
+    BLOB_SECTION_SPECTRA,      /* blob_spectrum_t */
     BLOB_SECTION_STRINGS,      /* char, NUL-terminated names; offset 0 is the empty string */
     BLOB_SECTION_COUNT
 } blob_section_t;
@@ -210,11 +214,18 @@ enum { SHAPE_FLIP = 1, SHAPE_CUTOUT = 2, SHAPE_BUMPS_V3 = 4, SHAPE_NORMALS_V3 = 
 /* ---- values and textures ------------------------------------------------------------------------------- */
 
 /* A number or a colour that may vary over a surface: `factor`, times the texture's value there if there is
- * one. Numbers are the x of a colour. All zeroes are the constant 0. */
+ * one. Numbers are the x of a colour. All zeroes are the constant 0. In spectral jobs a value with a spectrum
+ * and no texture is that spectrum, times the largest component of `factor`. Only values of materials, and the
+ * radiance of lights without an image, have spectra. */
 typedef struct {
     rgb_t factor;
-    blob_ref_t texture;
+    blob_ref_t texture, spectrum;
 } blob_value_t;
+
+/* From BLOB_SPECTRUM_FIRST on by BLOB_SPECTRUM_STEP, linear in between; from 0 to 1e9. */
+typedef struct {
+    float samples[BLOB_SPECTRUM_SAMPLES];
+} blob_spectrum_t;
 
 typedef struct {
     uint32_t kind;     /* shape_kind_t */

@@ -52,6 +52,7 @@ result_t overrides_apply(const overrides_t *overrides, const scene_blob_t *blob,
     settings->cryptomatte = overrides->cryptomatte;
     if (overrides->no_learn) settings->learn = false;
     settings->merge_radius = overrides->merge_radius;
+    settings->spectral = overrides->spectral;
     settings->film_scale = blob_film_scale(blob);
     /* Samples that count JOB_MEAN_BOOST times in the mean take two bits of the sums. */
     if (settings->adaptive) settings->film_scale = int_max(FILM_MIN_SCALE, settings->film_scale - 2);

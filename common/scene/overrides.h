@@ -21,7 +21,8 @@ typedef struct {
     bool no_layers;
     bool cryptomatte;
     bool no_learn;
-    double merge_radius;      /* 0: as the scene's size says */
+    double merge_radius; /* 0: as the scene's size says */
+    bool spectral;
     const char *light_groups; /* as light_groups_resolve takes them; NULL: none */
 } overrides_t;
 

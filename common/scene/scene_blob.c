@@ -37,6 +37,7 @@ const section_type_t blob_section_types[BLOB_SECTION_COUNT] = {
     [BLOB_SECTION_SERIES] = {"series", sizeof(blob_series_t)},
     [BLOB_SECTION_MEASUREMENTS] = {"measurements", sizeof(blob_measured_t)},
     [BLOB_SECTION_NUMBERS] = {"numbers", sizeof(float)},
+    [BLOB_SECTION_SPECTRA] = {"spectra", sizeof(blob_spectrum_t)},
     [BLOB_SECTION_STRINGS] = {"strings", 1},
 };
 
@@ -141,6 +142,7 @@ static result_t find_sections(const void *bytes, uint64_t size, scene_blob_t *bl
     view.series = at[BLOB_SECTION_SERIES];
     view.measurements = at[BLOB_SECTION_MEASUREMENTS];
     view.numbers = at[BLOB_SECTION_NUMBERS];
+    view.spectra = at[BLOB_SECTION_SPECTRA];
     view.strings = at[BLOB_SECTION_STRINGS];
     *blob = view;
     return result_ok();

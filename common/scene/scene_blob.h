@@ -48,6 +48,7 @@ typedef struct {
     const blob_series_t *series;
     const blob_measured_t *measurements;
     const float *numbers;
+    const blob_spectrum_t *spectra;
     const char *strings;
     uint64_t counts[BLOB_SECTION_COUNT]; /* records in each section */
 } scene_blob_t;
@@ -84,11 +85,11 @@ static inline uint64_t blob_mesh_places(const blob_mesh_t *mesh)
 /* A value that does not vary. */
 static inline blob_value_t blob_constant(float number)
 {
-    return (blob_value_t){{number, number, number}, 0};
+    return (blob_value_t){.factor = {number, number, number}};
 }
 static inline blob_value_t blob_colour_value(rgb_t colour)
 {
-    return (blob_value_t){colour, 0};
+    return (blob_value_t){.factor = colour};
 }
 
 /* The lights in the order of their numbers, as light_groups.h takes them, in fresh memory; their places are

@@ -264,7 +264,8 @@ static bool same_picture(const job_settings_t *a, const job_settings_t *b)
            a->tile_size == b->tile_size && a->film_scale == b->film_scale && a->strategy_s == b->strategy_s &&
            a->strategy_t == b->strategy_t && a->unweighted == b->unweighted && a->features == b->features &&
            a->adaptive == b->adaptive && a->cryptomatte == b->cryptomatte && a->learn == b->learn &&
-           a->merge_radius == b->merge_radius && strcmp(a->light_groups, b->light_groups) == 0;
+           a->merge_radius == b->merge_radius && a->spectral == b->spectral &&
+           strcmp(a->light_groups, b->light_groups) == 0;
 }
 
 result_t checkpoint_load(checkpoint_t *c, const job_settings_t *settings, int threads, film_t **film,

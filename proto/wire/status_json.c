@@ -28,6 +28,7 @@ static void put_settings(json_t *object, const Lm__Settings *message)
     put_flag(object, "layers", settings.features);
     put_flag(object, "cryptomatte", settings.cryptomatte);
     put_flag(object, "learn", settings.learn);
+    put_flag(object, "spectral", settings.spectral);
     put_text(object, "light_groups", settings.light_groups);
     if (settings.integrator == INTEGRATOR_VCM) put_real(object, "merge_radius", settings.merge_radius);
     if (settings.strategy_t == 0) return;

@@ -62,7 +62,8 @@ const char *wire_rights_name(unsigned rights)
     FIELD(spp)                                                                                               \
     FIELD(time_limit)                                                                                        \
     FIELD(features)                                                                                          \
-    FIELD(unweighted) FIELD(error) FIELD(adaptive) FIELD(cryptomatte) FIELD(learn) FIELD(merge_radius)
+    FIELD(unweighted)                                                                                        \
+    FIELD(error) FIELD(adaptive) FIELD(cryptomatte) FIELD(learn) FIELD(merge_radius) FIELD(spectral)
 #define TERMS(FIELD) FIELD(priority) FIELD(verify) FIELD(mixed) FIELD(halves)
 #define ORDER(FIELD) FIELD(job) FIELD(kind) FIELD(priority) FIELD(spp) FIELD(error) FIELD(time_limit)
 #define COUNTS(FIELD) FIELD(dropped) FIELD(overflows) FIELD(rays) FIELD(cpu_us)

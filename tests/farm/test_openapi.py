@@ -360,7 +360,7 @@ def check_submissions(asker, name):
                   {"integrator": "pt"}, {"sampler": 1}, {"seed": -1}, {"seed": "0x4"}, {"max_depth": 101}, {"tile_size": 7},
                   {"film_scale": 41}, {"layers": 1}, {"priority": 1001}, {"verify": 2}, {"mixed": "yes"}, {"halves": None},
                   {"save_at": [0]}, {"save_at": 4}, {"save_at": list(range(1, 66))}, {"name": ""}, {"name": 3}, {"blob": "12"},
-                  {"blob": None}, {"cryptomatte": 2}, {"learn": "no"}, {"merge_radius": -1}, {"light_groups": 3}, {"adaptive": 0}):
+                  {"blob": None}, {"cryptomatte": 2}, {"learn": "no"}, {"spectral": 1}, {"merge_radius": -1}, {"light_groups": 3}, {"adaptive": 0}):
         submit(400, **wrong)
     for wrong in ({"light_groups": "a=0,a=1"}, {"save_at": [8, 4]}, {"save_at": [4], "adaptive": True}, {"name": "\u00e4" * 101}):
         submit(400, **wrong, described=False)

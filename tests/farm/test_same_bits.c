@@ -36,20 +36,28 @@ enum { SPP = 32, SPP_EACH = 8 };
 #endif
 
 /* Renders a scene with one more option; returns the hash of its pixels, all layers. */
-static hash_t render_by(const char *integrator, const char *scene, int samples, const char *option,
-                        const char *value)
+static hash_t render_waves(const char *integrator, const char *scene, int samples, bool spectral,
+                           const char *option, const char *value)
 {
     rig_t *rig = rig_new();
     char *path = scratch_path(rig->folder, "image.exr"), *spp = mem_printf("%d", samples);
-    assert_int_equal(rig_run(rig, (const char *[]){"render", scene, "--spp", spp, "--quiet", "-o", path,
-                                                   "--integrator", integrator, option, value, NULL}),
-                     0);
+    const char *const words[] = {"render", scene,          "--spp",    spp,    "--quiet", "-o",
+                                 path,     "--integrator", integrator, option, value,     NULL};
+    const char *arguments[ARRAY_LENGTH(words) + 1] = {"render", "--spectral"};
+    memcpy(arguments + (spectral ? 2 : 1), words + 1, sizeof words - sizeof *words);
+    assert_int_equal(rig_run(rig, arguments), 0);
     check_layers(path, strcmp(option, "--no-layers") != 0);
     hash_t hash = rig_file_hash(path);
     free(path);
     free(spp);
     rig_destroy(&rig);
     return hash;
+}
+
+static hash_t render_by(const char *integrator, const char *scene, int samples, const char *option,
+                        const char *value)
+{
+    return render_waves(integrator, scene, samples, false, option, value);
 }
 
 static hash_t render_scene(const char *scene, int samples, const char *option, const char *value)
@@ -106,6 +114,18 @@ static void every_kind_of_scene_keeps_its_bits(void **state)
         hash_t two = render_scene(scenes[i], SPP_EACH, "--workers", "2");
         if (!hash_equal(&one, &two)) fail_msg("two workers make another image of %s", scenes[i]);
     }
+}
+
+/* Wavelengths, and the table by which colours become spectra, which each process makes by itself. */
+static void wavelengths_keep_their_bits(void **state)
+{
+    (void)state;
+    const char *scene = "tests/farm/everything.pbrt";
+    hash_t one = render_waves("bdpt", scene, SPP_EACH / 2 + 1, true, "--threads", "1");
+    hash_t two = render_waves("bdpt", scene, SPP_EACH / 2 + 1, true, "--workers", "2");
+    assert_true(hash_equal(&one, &two));
+    hash_t rgb = render_scene(scene, SPP_EACH / 2 + 1, "--threads", "1");
+    assert_false(hash_equal(&one, &rgb));
 }
 
 static void layers_can_be_left_out(void **state)
@@ -193,6 +213,7 @@ int main(void)
         cmocka_unit_test(threads_and_workers_make_no_difference),
         cmocka_unit_test(photons_keep_their_bits),
         cmocka_unit_test(every_kind_of_scene_keeps_its_bits),
+        cmocka_unit_test(wavelengths_keep_their_bits),
         cmocka_unit_test(layers_can_be_left_out),
         cmocka_unit_test(another_seed_gives_another_image),
         cmocka_unit_test(losing_workers_makes_no_difference),

@@ -53,6 +53,7 @@ class Programs:
         options += [] if settings.features else ["--no-layers"]
         options += ["--cryptomatte"] if settings.cryptomatte else []
         options += [] if settings.learn else ["--no-learn"]
+        options += ["--spectral"] if settings.spectral else []
         options += ["--light-groups", settings.light_groups] if settings.light_groups else []
         if (named := " ".join(options)) not in self.hashes:
             path = f"{self.folder}/undisturbed.exr"

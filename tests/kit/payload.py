@@ -30,6 +30,7 @@ def content(settings, blob):
     text += " learn" if settings.learn else ""
     text += f" groups {settings.light_groups}" if settings.light_groups else ""
     text += f" merge {settings.merge_radius:.17g}" if settings.merge_radius else ""
+    text += " spectral" if settings.spectral else ""
     return hashlib.blake2b(text.encode(), digest_size=32).digest()
 
 

@@ -707,9 +707,9 @@ static void maps_turn_the_normal(void **state)
     (void)state;
     const blob_texture_t textures[] = {
         {.kind = TEXTURE_UV, .mapping = MAPPING_UV, .matrix = {{0.5f, 0, 0}, {0, 0.25f, 0}}},
-        {.kind = TEXTURE_SCALE, .inputs = {{{0.8f, 0.65f, 0.9f}, 0}, {{1, 1, 1}, 0}}},
-        {.kind = TEXTURE_SCALE, .inputs = {{{0.5f, 0.5f, 0}, 0}, {{1, 1, 1}, 0}}},
-        {.kind = TEXTURE_SCALE, .inputs = {{{0.5f, 0.5f, 0.5f}, 0}, {{1, 1, 1}, 0}}},
+        {.kind = TEXTURE_SCALE, .inputs = {{{0.8f, 0.65f, 0.9f}, 0, 0}, {{1, 1, 1}, 0, 0}}},
+        {.kind = TEXTURE_SCALE, .inputs = {{{0.5f, 0.5f, 0}, 0, 0}, {{1, 1, 1}, 0, 0}}},
+        {.kind = TEXTURE_SCALE, .inputs = {{{0.5f, 0.5f, 0.5f}, 0, 0}, {{1, 1, 1}, 0, 0}}},
     };
     blob_material_t matte = cases[MATTE].material, materials[] = {matte, matte, matte, matte, matte};
     materials[0].bump = 1;

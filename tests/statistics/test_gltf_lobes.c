@@ -416,7 +416,7 @@ static void films_interfere_as_waves(void **state)
         double eta = 1.2 + 0.2 * (k % 5), base = k % 2 ? 1.5 : 3, nm = 40.0 * k, cos = 0.3 + 0.14 * (k % 6);
         double rgb[3], f0 = pow((base - 1) / (base + 1), 2);
         film_truth(eta, base, nm, cos, rgb);
-        lobe_film_t film = {1, (float)eta, (float)nm};
+        lobe_film_t film = {1, (float)eta, (float)nm, {0}};
         rgb_t found = film_reflectance(&film, vec3((float)f0, (float)f0, (float)f0), (float)cos);
         const float f[3] = {found.x, found.y, found.z};
         for (int c = 0; c < 3; c++)
@@ -427,7 +427,7 @@ static void films_interfere_as_waves(void **state)
     assert_true(contrast > 0.2);
     /* No light passes beyond the critical angle; none is below 0 or above 1. */
     for (int k = 0; k < 200; k++) {
-        lobe_film_t film = {1, 1 + 0.02f * (float)k, 5 * (float)k};
+        lobe_film_t film = {1, 1 + 0.02f * (float)k, 5 * (float)k, {0}};
         rgb_t r = film_reflectance(&film, vec3(0.02f, 0.5f, 1), 0.005f * (float)k);
         assert_true(r.x >= 0 && r.y >= 0 && r.z >= 0 && v_max(r) <= 1);
     }
@@ -447,7 +447,7 @@ static void films_cover_by_their_strength(void **state)
         /* The base has what the largest channel leaves, which is no mean; metal has none. */
         if (metal) assert_float_equal(b.y, 0.5f * (a.y + c.y), 1e-4f);
         float facets = value_of(&bright, wo, wi).x; /* of white metal */
-        lobe_film_t film = {1, 1.8f, 400};
+        lobe_film_t film = {1, 1.8f, 400, {0}};
         rgb_t f0 = metal ? vec3(0.9f, 0.5f, 0.2f) : vec3(0.04f, 0.04f, 0.04f),
               f = film_reflectance(&film, f0, cos);
         rgb_t base = metal ? vec3(0, 0, 0) : v_scale(vec3(0.9f, 0.5f, 0.2f), INV_PI_F * (1 - v_max(f)));

@@ -49,12 +49,12 @@ static void add_textures(blob_builder_t *b)
          .channel = CHANNEL_RGB,
          .wrap_s = WRAP_REPEAT,
          .wrap_t = WRAP_MIRROR,
-         .inputs = {{{1, 1, 1}, 0}}},
+         .inputs = {{{1, 1, 1}, 0, 0}}},
         {.kind = TEXTURE_FBM,
          .mapping = MAPPING_POINT,
          .texture_from_world = xform_identity(),
          .parameters = {4, 0.5f}},
-        {.kind = TEXTURE_MIX, .inputs = {{{1, 1, 1}, 1}, {{0.9f, 0.5f, 0.2f}, 2}, {{0.5f}, 0}}}};
+        {.kind = TEXTURE_MIX, .inputs = {{{1, 1, 1}, 1, 0}, {{0.9f, 0.5f, 0.2f}, 2, 0}, {{0.5f}, 0, 0}}}};
     blob_builder_add(b, BLOB_SECTION_IMAGES, &image, 1);
     blob_builder_add(b, BLOB_SECTION_TEXTURES, textures, ARRAY_LENGTH(textures));
 }
@@ -116,7 +116,7 @@ static void add_materials(blob_builder_t *b)
                                     {.kind = MATERIAL_WARD_BALANCED},
                                     {.kind = MATERIAL_HAIR}};
     for (uint32_t i = 0; i < MATERIALS; i++) {
-        m[i].values[VALUE_REFLECTANCE] = (blob_value_t){{0.8f, 0.7f, 0.6f}, i % 2 == 0 ? 3 : 1};
+        m[i].values[VALUE_REFLECTANCE] = (blob_value_t){{0.8f, 0.7f, 0.6f}, i % 2 == 0 ? 3 : 1, 0};
         m[i].values[VALUE_TRANSMITTANCE] = blob_constant(0.9f);
         m[i].values[VALUE_SPECULAR] = m[i].values[VALUE_OPACITY] = blob_constant(0.6f);
         m[i].values[VALUE_SPECULAR_COLOUR] = blob_constant(1);

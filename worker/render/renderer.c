@@ -17,6 +17,7 @@ struct renderer {
     caustics_t *caustics; /* of a job that learns; may be NULL */
     camera_t *camera;
     media_t *media;        /* NULL: the scene has none */
+    waves_tables_t *waves; /* of a spectral job; else NULL */
     uint8_t *light_groups; /* of each light; NULL: none */
     const integrator_ops_t *integrator;
     photons_t *photons; /* NULL: the integrator does not merge */
@@ -83,6 +84,7 @@ result_t renderer_new(const scene_blob_t *blob, const job_settings_t *settings, 
     filter_init(&setup->filter, &blob->scene->filter);
     setup->light_share = 1;
     setup->teaching_mask = LESSON_NOBODY;
+    if (settings->spectral) setup->waves = renderer->waves = waves_tables_new();
     if (job_learns(settings))
         renderer->caustics =
             plan_prepare(setup, renderer->lights, renderer->integrator, renderer->inverse_brightness);
@@ -128,6 +130,7 @@ void renderer_destroy(renderer_t **renderer)
     caustics_destroy(&self->caustics);
     free(self->camera);
     media_destroy(&self->media);
+    waves_tables_destroy(&self->waves);
     free(self->light_groups);
     scene_destroy(&self->scene);
     free(self);
@@ -154,7 +157,7 @@ static void add_groups(const setup_t *setup, const sample_t *sample, size_t pixe
 {
     size_t count = sum_planes(&setup->settings, SUM_GROUP_EYE);
     for (size_t g = 0; g < count; g++) {
-        rgb_t value = v_scale(sample->groups[g], scale);
+        rgb_t value = v_scale(sample_colour(sample, sample->groups[g]), scale);
         if (v_is_finite(value)) add_rgb(setup, sample->result, SUM_GROUP_EYE, pixel + g * pixels, value);
     }
 }
@@ -164,6 +167,7 @@ static void add_eye_sample(const setup_t *setup, const sample_t *sample, size_t 
                            rgb_t value)
 {
     unit_result_t *result = sample->result;
+    value = sample_colour(sample, value);
     float luminance = rgb_luminance(value), clamp = 1;
     if (luminance > setup->max_luminance) {
         clamp = setup->max_luminance / luminance;
@@ -266,12 +270,17 @@ static void render_block(const integrator_ops_t *integrator, const block_t *bloc
     sample_t first = sample_of(shared, block, 0);
     first.numbers = numbers_of(&first);
     first.time = shared->photons != NULL ? shared->photons->time : sample_time(&first);
+    waves_t waves;
+    sample_waves(&first, &waves);
     if (integrator->light != NULL) trace_light(integrator, block, tile, &first);
     for (int i = 0; i < block_pixels(block); i++) {
         sample_t sample = sample_of(&first, block, i);
         if (!rect_has(tile, (int)sample.pixel_x, (int)sample.pixel_y)) continue;
         sample.numbers = numbers_of(&sample);
-        if (integrator->light == NULL) sample.time = sample_time(&sample);
+        if (integrator->light == NULL) {
+            sample.time = sample_time(&sample);
+            sample_waves(&sample, &waves);
+        }
         trace_eye(integrator, tile, &sample);
     }
 }

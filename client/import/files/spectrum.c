@@ -187,6 +187,20 @@ static spectrum_t from_table(const spectrum_table_t *table)
     return s;
 }
 
+/* By 5 nm, and at the d line what the catalogue says. */
+static spectrum_t from_glass(const spectrum_glass_t *glass)
+{
+    enum { FIRST = 300, STEP = 5, COUNT = 121, D_PLACE = (587 - FIRST) / STEP + 1 };
+    spectrum_t s = allocate(COUNT + 1);
+    for (size_t i = 0; i <= COUNT; ++i) {
+        s.lambda[i] = i == D_PLACE ? SPECTRUM_D_LINE : FIRST + STEP * (double)(i < D_PLACE ? i : i - 1);
+        double l2 = s.lambda[i] * s.lambda[i] * 1e-6, n2 = 1;
+        for (int k = 0; k < 3; ++k) n2 += glass->b[k] * l2 / (l2 - glass->c[k]);
+        s.value[i] = i == D_PLACE ? glass->d_line : sqrt(n2);
+    }
+    return s;
+}
+
 bool spectrum_named(const char *name, spectrum_t *out)
 {
     *out = (spectrum_t){0};
@@ -194,6 +208,11 @@ bool spectrum_named(const char *name, spectrum_t *out)
         *out = illuminant_a();
         return true;
     }
+    for (size_t i = 0; i < spectrum_glass_count; ++i)
+        if (strcmp(name, spectrum_glasses[i].name) == 0) {
+            *out = from_glass(&spectrum_glasses[i]);
+            return true;
+        }
     for (size_t i = 0; i < spectrum_table_count; ++i) {
         if (strcmp(name, spectrum_tables[i].name) != 0) continue;
         *out = from_table(&spectrum_tables[i]);
@@ -288,6 +307,42 @@ static rgb_t of_unit_luminance(triple_t xyz)
     return clipped(relative_to(rgb_from_xyz(xyz), rgb_from_xyz(white), scale));
 }
 
+/* pbrt-v3 sums 471 samples as if they spanned 470 nm. */
+static const float v3_sum = 470.0f / 471.0f;
+
+double spectrum_emission_scale(const spectrum_t *spectrum, spectrum_rules_t rules)
+{
+    spectrum_t d65;
+    double white = d65_xyz(&d65).v[1], own = xyz_of(spectrum, NULL).v[1];
+    spectrum_free(&d65);
+    double scale = (rules == SPECTRUM_PBRT_V3 ? (double)v3_sum : 1 / own) * white / 100;
+    return isfinite(scale) ? scale : 0;
+}
+
+bool spectrum_resample(const spectrum_t *spectrum, double scale, blob_spectrum_t *out)
+{
+    const double largest = 1e9;
+    double sums[BLOB_SPECTRUM_SAMPLES] = {0}, weights[BLOB_SPECTRUM_SAMPLES] = {0};
+    size_t from = 0;
+    for (int i = 0; i < CIE_COUNT; ++i) {
+        double part = (double)(i % BLOB_SPECTRUM_STEP) / BLOB_SPECTRUM_STEP;
+        double value = fmax(0, scale * value_from(spectrum, CIE_FIRST + i, &from));
+        for (int side = 0; side < 2; ++side) {
+            int sample = i / BLOB_SPECTRUM_STEP + side;
+            double weight = side == 0 ? 1 - part : part;
+            if (!(weight > 0)) continue;
+            sums[sample] += weight * value;
+            weights[sample] += weight;
+        }
+    }
+    for (int i = 0; i < BLOB_SPECTRUM_SAMPLES; ++i) {
+        double mean = sums[i] / weights[i];
+        if (!(mean <= largest)) return false;
+        out->samples[i] = (float)mean;
+    }
+    return true;
+}
+
 static rgb_t under_d65(const spectrum_t *s)
 {
     spectrum_t d65;
@@ -316,15 +371,12 @@ void spectrum_reflectance_weights(const double *lambda, size_t count, double *we
 
 rgb_t spectrum_colour(const spectrum_t *spectrum, spectrum_use_t use, spectrum_rules_t rules)
 {
-    /* pbrt-v3 sums 471 samples as if they spanned 470 nm. */
-    const float v3_sum = 470.0f / 471.0f;
     if (rules == SPECTRUM_PBRT_V3) return v_scale(clipped(rgb_from_xyz(xyz_of(spectrum, NULL))), v3_sum);
     if (use == SPECTRUM_EMISSION) return of_unit_luminance(xyz_of(spectrum, NULL));
     return under_d65(spectrum);
 }
 
-/* With its greatest value over all wavelengths made 1. */
-static spectrum_t black_body(double kelvin)
+spectrum_t spectrum_of_blackbody(double kelvin)
 {
     spectrum_t s = allocate(CIE_COUNT);
     for (size_t i = 0; i < CIE_COUNT; ++i) {
@@ -337,7 +389,7 @@ static spectrum_t black_body(double kelvin)
 rgb_t spectrum_blackbody(double kelvin, spectrum_rules_t rules)
 {
     if (!(kelvin > 0)) return vec3(0, 0, 0);
-    spectrum_t s = black_body(kelvin);
+    spectrum_t s = spectrum_of_blackbody(kelvin);
     rgb_t rgb = spectrum_colour(&s, SPECTRUM_EMISSION, rules);
     spectrum_free(&s);
     return rgb;
@@ -346,7 +398,7 @@ rgb_t spectrum_blackbody(double kelvin, spectrum_rules_t rules)
 rgb_t spectrum_glow(double kelvin)
 {
     if (!(kelvin > 0)) return vec3(0, 0, 0);
-    spectrum_t s = black_body(kelvin), d65;
+    spectrum_t s = spectrum_of_blackbody(kelvin), d65;
     triple_t white = d65_xyz(&d65), seen = xyz_of(&s, NULL);
     spectrum_free(&d65);
     spectrum_free(&s);

@@ -8,7 +8,7 @@
 #define LIGHTMILL_SPECTRUM_H
 
 #include "client/import/scene/report.h"
-#include "common/vec.h"
+#include "common/scene/blob_format.h"
 
 /* Samples over wavelength in nm, ascending without equals, at least one; linear between them, constant beyond
  * the ends. Values lie within +-1e30. Owned: see spectrum_free. */
@@ -29,7 +29,7 @@ result_t spectrum_from_pairs(const double *numbers, size_t count, position_t at,
 result_t spectrum_read(const char *path, spectrum_t *out);
 
 /* One of pbrt-v4's spectra by its name ("metal-Cu-eta"); false when there is none of that name. The caller
- * frees *out. A glass is its index at 587.56 nm, constant. */
+ * frees *out. A glass is its index by Sellmeier's formula, by 5 nm, and at 587.56 nm. */
 bool spectrum_named(const char *name, spectrum_t *out);
 
 /* The value at a wavelength in nm: for what has no colour, such as the index of a dielectric. */
@@ -46,11 +46,22 @@ typedef enum { SPECTRUM_PBRT_V3, SPECTRUM_PBRT_V4 } spectrum_rules_t;
  * (1, 1, 1), an emission with D65 as (1, 1, 1) and its luminance made 1 (black when it has none). */
 rgb_t spectrum_colour(const spectrum_t *spectrum, spectrum_use_t use, spectrum_rules_t rules);
 
+/* What the spectrum of light is to be multiplied by, so that the renderer's film shows the colour that
+ * spectrum_colour makes of it: 0 when it has none. (To the film D65 with 100 at 560 nm is 100.) */
+double spectrum_emission_scale(const spectrum_t *spectrum, spectrum_rules_t rules);
+/* The spectrum, times `scale`, as blobs have it. A sample is the mean about its wavelength, as interpolation
+ * weighs it, so that narrow lines keep their light. False when a sample is larger than a blob's may be;
+ * negative ones are 0. */
+bool spectrum_resample(const spectrum_t *spectrum, double scale, blob_spectrum_t *out);
+
 /* What each of `count` samples of a reflectance, at wavelengths in nm that ascend, adds to its colour by the
  * rules of v4: weights[3 i + c] of sample i to channel c. Components that come out negative are the caller's.
  */
 void spectrum_reflectance_weights(const double *lambda, size_t count, double *weights);
 
+/* A black body's emission, at a temperature above 0 in kelvin, by 1 nm over the observer's range; as v3 has
+ * it: the greatest value over all wavelengths is 1. The caller frees it. */
+spectrum_t spectrum_of_blackbody(double kelvin);
 /* Linear sRGB of a black body's emission, at a temperature in kelvin; black when that is not above 0. v3:
  * Planck's law with its greatest value over all wavelengths made 1. v4: with its luminance made 1. */
 rgb_t spectrum_blackbody(double kelvin, spectrum_rules_t rules);

@@ -3,11 +3,7 @@
 #define LIGHTMILL_SPECTRUM_DATA_H
 
 #include "common/base.h"
-
-enum { CIE_FIRST = 360, CIE_COUNT = 471 }; /* nm; one entry a nanometre */
-
-/* xbar, ybar, zbar of the CIE 1931 2-degree observer. */
-extern const double cie_observer[3][CIE_COUNT];
+#include "common/colour/cie.h"
 
 /* Where a table's values lie: from `first` by `step`, in nm or eV, or at a list of wavelengths in nm. */
 typedef enum { GRID_NANOMETRES, GRID_ELECTRONVOLTS, GRID_LISTED } grid_t;
@@ -24,5 +20,15 @@ typedef struct {
 /* All that have a name but stdillum-A, which is a formula. Wavelengths ascend. */
 extern const spectrum_table_t spectrum_tables[];
 extern const size_t spectrum_table_count;
+
+/* n^2 = 1 + sum of b_i l^2 / (l^2 - c_i), with l in micrometres; and n at the d line, as the catalogue has it
+ * rounded. */
+typedef struct {
+    const char *name;
+    double d_line;
+    double b[3], c[3];
+} spectrum_glass_t;
+extern const spectrum_glass_t spectrum_glasses[];
+extern const size_t spectrum_glass_count;
 
 #endif

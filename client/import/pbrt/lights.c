@@ -17,7 +17,7 @@ static const unsigned point_types = PARAM_BIT(PARAM_POINT3) | PARAM_BIT(PARAM_VE
 /* ---- values ------------------------------------------------------------------------------------------- */
 
 /* "scale": of v3 a colour, of v4 a number. */
-static result_t read_scale(pbrt_t *p, params_t *params, rgb_t *colour)
+static result_t read_scale(pbrt_t *p, params_t *params, blob_value_t *value)
 {
     rgb_t scale = vec3(1, 1, 1);
     double factor = 1;
@@ -27,16 +27,17 @@ static result_t read_scale(pbrt_t *p, params_t *params, rgb_t *colour)
         TRY(params_float_in(params, "scale", 0, 1e30, &factor));
         scale = vec3((float)factor, (float)factor, (float)factor);
     }
-    *colour = v_mul(*colour, scale);
+    value->factor = v_mul(value->factor, scale);
+    if (scale.x != scale.y || scale.y != scale.z) value->spectrum = 0; /* it is another one */
     return result_ok();
 }
 
 /* A colour of that name, white by default, times the scale. */
-static result_t read_emission(pbrt_t *p, params_t *params, const char *name, rgb_t *colour)
+static result_t read_emission(pbrt_t *p, params_t *params, const char *name, blob_value_t *value)
 {
-    *colour = vec3(1, 1, 1);
-    TRY(pbrt_colour(p, params, name, COLOUR_LIGHT, colour));
-    return read_scale(p, params, colour);
+    *value = blob_constant(1);
+    TRY(pbrt_constant_colour(p, params, name, COLOUR_LIGHT, value));
+    return read_scale(p, params, value);
 }
 
 /* v4's "power" or "illuminance": the light is scaled from what it has, `total` at luminance 1, to that. */
@@ -180,7 +181,7 @@ static result_t make_diffuse(pbrt_t *p, params_t *params, position_t at, area_li
     bool two_sided = false;
     light->light.kind = LIGHT_AREA;
     light->light.world_from_light = xform_identity();
-    TRY(read_emission(p, params, "L", &light->light.radiance.factor));
+    TRY(read_emission(p, params, "L", &light->light.radiance));
     TRY(params_bool(params, "twosided", &two_sided));
     light->light.flags = two_sided ? LIGHT_TWO_SIDED : 0;
     if (p->dialect.dialect == DIALECT_V3)
@@ -215,6 +216,7 @@ result_t pbrt_area_light(pbrt_t *p, position_t at)
 /* Adds a light that shines into the medium about it. */
 static result_t add_in_medium(pbrt_t *p, blob_light_t light, const affine_t *world_from_light, position_t at)
 {
+    if (light.image != 0) light.radiance.spectrum = 0; /* the image has colours of its own */
     TRY(pbrt_medium_outside(p, &light.medium));
     return scene_add_light(p->builder, light, world_from_light, at);
 }
@@ -223,7 +225,7 @@ static result_t make_point(pbrt_t *p, params_t *params, position_t at)
 {
     double from[3] = {0}, place[3];
     blob_light_t light = {.kind = LIGHT_POINT};
-    TRY(read_emission(p, params, "I", &light.radiance.factor));
+    TRY(read_emission(p, params, "I", &light.radiance));
     TRY(params_point(params, "from", point_types, from));
     TRY(scale_to(p, params, "power", 4 * pi, &light.radiance.factor));
     affine_t ctm = light_transform(p, at);
@@ -240,7 +242,7 @@ static result_t make_spot(pbrt_t *p, params_t *params, position_t at)
     double from[3] = {0}, to[3] = {0, 0, 1}, angle = 30, rim = 5, place[3], target[3];
     bool uniform;
     blob_light_t light = {.kind = LIGHT_SPOT};
-    TRY(read_emission(p, params, "I", &light.radiance.factor));
+    TRY(read_emission(p, params, "I", &light.radiance));
     TRY(params_point(params, "from", point_types, from));
     TRY(params_point(params, "to", point_types, to));
     TRY(params_float_in(params, "coneangle", 1e-3, 180, &angle));
@@ -270,7 +272,7 @@ static result_t make_goniometric(pbrt_t *p, params_t *params, position_t at)
     bool v4 = p->dialect.dialect == DIALECT_V4;
     blob_light_t light = {.kind = LIGHT_GONIOMETRIC};
     double mean = 1;
-    TRY(read_emission(p, params, "I", &light.radiance.factor));
+    TRY(read_emission(p, params, "I", &light.radiance));
     TRY(read_image(p, params, at, &light.image));
     if (light.image) {
         if (v4) light.image = scene_grey_image(p->builder, light.image);
@@ -303,8 +305,7 @@ static result_t make_projection(pbrt_t *p, params_t *params, position_t at)
                           .radiance = blob_constant(1),
                           .mapping = LIGHT_LATLONG}; /* mapping: unused */
     double fov = v3 ? 45 : 90;
-    TRY(v3 ? read_emission(p, params, "I", &light.radiance.factor)
-           : read_scale(p, params, &light.radiance.factor));
+    TRY(v3 ? read_emission(p, params, "I", &light.radiance) : read_scale(p, params, &light.radiance));
     TRY(params_float_in(params, "fov", 1e-3, 179.9, &fov));
     TRY(read_image(p, params, at, &light.image));
     if (!light.image && !v3) return error_at(at, "a projection light needs its image: \"string filename\"");
@@ -331,7 +332,7 @@ static result_t make_distant(pbrt_t *p, params_t *params, position_t at)
     double from[3] = {0}, to[3] = {0, 0, 1}, toward[3];
     const double nowhere[3] = {0};
     blob_light_t light = {.kind = LIGHT_DISTANT};
-    TRY(read_emission(p, params, "L", &light.radiance.factor));
+    TRY(read_emission(p, params, "L", &light.radiance));
     TRY(params_point(params, "from", point_types, from));
     TRY(params_point(params, "to", point_types, to));
     TRY(scale_to(p, params, "illuminance", 1, &light.radiance.factor));
@@ -421,7 +422,7 @@ static result_t make_infinite(pbrt_t *p, params_t *params, position_t at)
     bool v3 = p->dialect.dialect == DIALECT_V3;
     blob_light_t light = {.kind = LIGHT_INFINITE};
     double illuminance = pi;
-    TRY(read_emission(p, params, "L", &light.radiance.factor));
+    TRY(read_emission(p, params, "L", &light.radiance));
     TRY(read_image(p, params, at, &light.image));
     if (light.image) {
         if (!v3 && params_has(params, "L"))
@@ -442,7 +443,10 @@ static result_t make_infinite(pbrt_t *p, params_t *params, position_t at)
     TRY(scale_to(p, params, "illuminance", illuminance, &light.radiance.factor));
     if (v3) TRY(params_apply(params, sample_rules, ARRAY_LENGTH(sample_rules), p->report));
     affine_t t = light_transform(p, at);
-    if (light.image) t = without_scale(p, t, at);
+    if (light.image) {
+        t = without_scale(p, t, at);
+        light.radiance.spectrum = 0;
+    }
     for (int i = 0; i < 3; ++i) t.m[i][3] = 0;
     if (!light.image) t = affine_identity();
     return scene_add_light(p->builder, light, &t, at);

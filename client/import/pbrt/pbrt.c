@@ -320,7 +320,11 @@ static result_t apply_gain(pbrt_t *p, position_t at)
     blob_medium_t *medium = blob_builder_records(blob, BLOB_SECTION_MEDIA);
     rgb_t *open = &p->scene.occlusion_radiance;
     *open = v_mul(v_scale(*open, (float)p->gain), p->balance);
-    for (uint32_t i = 0; i < count; ++i) TRY(gain(p, at, &lights[i].radiance.factor));
+    bool tints = p->balance.x != p->balance.y || p->balance.y != p->balance.z;
+    for (uint32_t i = 0; i < count; ++i) {
+        TRY(gain(p, at, &lights[i].radiance.factor));
+        if (tints) lights[i].radiance.spectrum = 0; /* it is another one */
+    }
     for (uint32_t i = 0; i < media; ++i) TRY(gain(p, at, &medium[i].emission));
     if (!v_is_finite(*open))
         return error_at(p->film_at.line ? p->film_at : at, "the film's scale is too large");

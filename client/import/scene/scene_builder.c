@@ -148,8 +148,18 @@ bool scene_gets_environment(const scene_builder_t *scene)
 
 blob_value_t scene_add_texture(scene_builder_t *scene, const blob_texture_t *texture)
 {
-    return (blob_value_t){vec3(1, 1, 1),
-                          1 + blob_builder_add(scene->blob, BLOB_SECTION_TEXTURES, texture, 1)};
+    return (blob_value_t){.factor = {1, 1, 1},
+                          .texture = 1 + blob_builder_add(scene->blob, BLOB_SECTION_TEXTURES, texture, 1)};
+}
+
+blob_ref_t scene_add_spectrum(scene_builder_t *scene, const blob_spectrum_t *spectrum)
+{
+    enum { LOOK_BACK = 16 };
+    const blob_spectrum_t *records = blob_builder_records(scene->blob, BLOB_SECTION_SPECTRA);
+    uint32_t count = blob_builder_count(scene->blob, BLOB_SECTION_SPECTRA);
+    for (uint32_t i = count; i > 0 && count - i < LOOK_BACK; --i)
+        if (memcmp(&records[i - 1], spectrum, sizeof *spectrum) == 0) return i;
+    return 1 + blob_builder_add(scene->blob, BLOB_SECTION_SPECTRA, spectrum, 1);
 }
 
 static bool texture_is_finite(const blob_texture_t *texture)

@@ -92,6 +92,8 @@ bool scene_has_light(const scene_builder_t *scene);
 /* True when the scene gets an environment that its file does not have: import_wishes_t.environment. */
 bool scene_gets_environment(const scene_builder_t *scene);
 
+/* Adds a spectrum, unless it is one of the last ones, and returns a reference to it. */
+blob_ref_t scene_add_spectrum(scene_builder_t *scene, const blob_spectrum_t *spectrum);
 /* Adds a texture and returns its value. */
 blob_value_t scene_add_texture(scene_builder_t *scene, const blob_texture_t *texture);
 /* Refuses what a blob must not have in the textures that came since the last call: numbers that are not

@@ -243,6 +243,7 @@ static result_t take_settings(json_t *body, overrides_t *overrides)
     TRY(take_flag(body, "layers", &layers));
     TRY(take_flag(body, "cryptomatte", &overrides->cryptomatte));
     TRY(take_flag(body, "learn", &learn));
+    TRY(take_flag(body, "spectral", &overrides->spectral));
     TRY(take_number(body, "merge_radius", 0, JOB_MAX_MERGE_RADIUS, false, &overrides->merge_radius));
     overrides->no_layers = !layers;
     overrides->no_learn = !learn;

@@ -72,7 +72,7 @@ static void add_shapes(blob_builder_t *builder)
                                    .phi_max = TWO_PI_F};
     const blob_object_t objects[2] = {{0, 3}, {3, 1}};
     const blob_instance_t instance = {1, xform_identity(), xform_identity()};
-    const blob_value_t opaque = blob_constant(1), masked = {{1, 1, 1}, 1};
+    const blob_value_t opaque = blob_constant(1), masked = {{1, 1, 1}, 1, 0};
     uint32_t name = blob_builder_string(builder, "scene.pbrt:7");
     const uint32_t flags = SHAPE_FLIP | SHAPE_CUTOUT | SHAPE_INTERFACE;
     const blob_shape_t shapes[4] = {
@@ -168,19 +168,20 @@ static void add_textures(blob_builder_t *builder)
     uint32_t colours = blob_builder_add(builder, BLOB_SECTION_TEXELS, floats, 9);
     uint32_t greys = blob_builder_add(builder, BLOB_SECTION_TEXELS, bytes, 2);
     const blob_image_t images[2] = {{TEXELS_RGB32F, 3, 1, colours, 1}, {TEXELS_R8, 5, 1, greys, 0}};
-    const blob_texture_t textures[3] = {{.kind = TEXTURE_IMAGE,
-                                         .mapping = MAPPING_UV,
-                                         .matrix = {{1, 0, 0}, {0, -1, 1}},
-                                         .image = 2,
-                                         .channel = CHANNEL_R,
-                                         .wrap_s = WRAP_REPEAT,
-                                         .wrap_t = WRAP_CLAMP,
-                                         .inputs = {{{1, 1, 1}, 0}}},
-                                        {.kind = TEXTURE_FBM,
-                                         .mapping = MAPPING_POINT,
-                                         .texture_from_world = xform_identity(),
-                                         .parameters = {8, 0.5f}},
-                                        {.kind = TEXTURE_SCALE, .inputs = {{{1, 1, 1}, 1}, {{2, 2, 2}, 2}}}};
+    const blob_texture_t textures[3] = {
+        {.kind = TEXTURE_IMAGE,
+         .mapping = MAPPING_UV,
+         .matrix = {{1, 0, 0}, {0, -1, 1}},
+         .image = 2,
+         .channel = CHANNEL_R,
+         .wrap_s = WRAP_REPEAT,
+         .wrap_t = WRAP_CLAMP,
+         .inputs = {{{1, 1, 1}, 0}}},
+        {.kind = TEXTURE_FBM,
+         .mapping = MAPPING_POINT,
+         .texture_from_world = xform_identity(),
+         .parameters = {8, 0.5f}},
+        {.kind = TEXTURE_SCALE, .inputs = {{{1, 1, 1}, 1, 0}, {{2, 2, 2}, 2, 0}}}};
     blob_builder_add(builder, BLOB_SECTION_IMAGES, images, 2);
     blob_builder_add(builder, BLOB_SECTION_TEXTURES, textures, 3);
 }
@@ -193,7 +194,7 @@ static void add_materials(blob_builder_t *builder)
         {.kind = MATERIAL_FOURIER, .table = 1, .normal_map = 1, .normal_scale = 1},
         {.kind = MATERIAL_MEASURED, .flags = MATERIAL_REMAP_SQRT},
         {.kind = MATERIAL_MIX, .parts = {3, 1}}};
-    materials[0].values[VALUE_REFLECTANCE] = (blob_value_t){{0.5f, 0.4f, 0.3f}, 3};
+    materials[0].values[VALUE_REFLECTANCE] = (blob_value_t){{0.5f, 0.4f, 0.3f}, 3, 0};
     materials[1].values[VALUE_REFLECTANCE] = blob_constant(0.9f);
     materials[3].values[VALUE_K] = blob_colour_value(vec3(3.9f, 2.4f, 2.2f));
     materials[3].values[VALUE_ROUGHNESS_V] = blob_constant(0.2f);
@@ -889,7 +890,8 @@ static result_t open_products(int depth)
     blob_builder_t *builder = make_builder();
     for (int i = 0; i < depth; i++) {
         blob_ref_t last = blob_builder_count(builder, BLOB_SECTION_TEXTURES);
-        blob_texture_t product = {.kind = TEXTURE_SCALE, .inputs = {{{1, 1, 1}, last}, {{1, 1, 1}, last}}};
+        blob_texture_t product = {.kind = TEXTURE_SCALE,
+                                  .inputs = {{{1, 1, 1}, last, 0}, {{1, 1, 1}, last, 0}}};
         blob_builder_add(builder, BLOB_SECTION_TEXTURES, &product, 1);
     }
     uint8_t *bytes;

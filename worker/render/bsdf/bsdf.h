@@ -16,6 +16,7 @@
 #define LIGHTMILL_BSDF_H
 
 #include "common/scene/blob_format.h"
+#include "worker/render/spectral/waves.h"
 
 #include <assert.h>
 #include <stddef.h>
@@ -49,7 +50,10 @@ typedef struct {
     float strength;  /* share of the surface that it covers; 0: no film */
     float ior;       /* at least 1 */
     float thickness; /* in nanometres */
+    /* The wavelengths of the channels in FILM_PART-ths of a nanometre; 0: they are red, green and blue. */
+    uint16_t waves[3];
 } lobe_film_t;
+enum { FILM_PART = 64 };
 
 typedef struct {
     float ior;
@@ -57,8 +61,8 @@ typedef struct {
     rgb_t r, t;       /* factors on what is reflected and transmitted */
     lobe_film_t film; /* on the outside; of the interfaces that both reflect and transmit */
     float film_f0;    /* reflectance at normal incidence without it */
-    float spread;     /* dispersion: the indices of blue and red are so much above and below `ior` */
-    uint32_t only;    /* of a dispersing one: 1 + the only channel that is carried, or 0: all */
+    float iors[3];    /* of a dispersing one: of each channel, */
+    uint32_t only;    /* and 1 + the only channel that is carried, or 0: all */
 } lobe_dielectric_t;
 
 typedef struct {
@@ -98,11 +102,13 @@ typedef struct {
 /* The lobes of glTF's materials. */
 typedef struct {
     lobe_cover_t cover;
-    rgb_t f0;     /* reflectance at normal incidence */
-    rgb_t f90;    /* at grazing incidence */
-    float factor; /* of the lobes that are what reflection leaves */
+    rgb_t f0;  /* reflectance at normal incidence */
+    rgb_t f90; /* at grazing incidence */
+    union {
+        float factor; /* of the lobes that are what reflection leaves */
+        rgb_t gain;   /* of those that reflect: the factor where there is a film */
+    };
     lobe_film_t film;
-    rgb_t gain; /* where there is a film: the factor on what is reflected */
 } lobe_schlick_t;
 
 typedef struct {
@@ -140,6 +146,7 @@ typedef struct {
     const blob_fourier_t *table;
     const blob_series_t *series;
     const float *numbers; /* of the blob */
+    const waves_t *waves; /* of the channels; NULL: they are red, green and blue */
     rgb_t factor;
 } lobe_fourier_t;
 
@@ -147,6 +154,7 @@ typedef struct {
 typedef struct {
     const blob_measured_t *table;
     const float *numbers; /* of the blob */
+    const waves_t *waves; /* as of lobe_fourier_t */
     rgb_t factor;
 } lobe_measured_t;
 

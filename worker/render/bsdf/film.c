@@ -63,6 +63,14 @@ static channel_film_t between_interfaces(const lobe_film_t *film, float f0, floa
                             .amplitude = scattered - passed};
 }
 
+/* What all orders of interference add at one wavelength: the sum of root^m cos(m phase). */
+static float interference(const channel_film_t *r, float difference, uint16_t wave)
+{
+    float root = sqrtf(r->both), phase = TWO_PI_F * difference * FILM_PART / (float)wave + r->shift;
+    float c = root * cosf(phase);
+    return 2 * r->amplitude * (c - r->both) / (1 - 2 * c + r->both);
+}
+
 rgb_t film_reflectance(const lobe_film_t *film, rgb_t f0, float cos)
 {
     float sin2 = (1 - cos * cos) / (film->ior * film->ior);
@@ -75,6 +83,12 @@ rgb_t film_reflectance(const lobe_film_t *film, rgb_t f0, float cos)
           root = vec3(sqrtf(r.both), sqrtf(g.both), sqrtf(b.both)),
           amplitude = vec3(r.amplitude, g.amplitude, b.amplitude), shift = vec3(r.shift, g.shift, b.shift);
     float difference = 2 * film->ior * film->thickness * inside;
+    if (film->waves[0] != 0) {
+        sum = v_add(sum, vec3(interference(&r, difference, film->waves[0]),
+                              interference(&g, difference, film->waves[1]),
+                              interference(&b, difference, film->waves[2])));
+        return vec3(float_clamp(sum.x, 0, 1), float_clamp(sum.y, 0, 1), float_clamp(sum.z, 0, 1));
+    }
     for (int order = 1; order <= 2; order++) {
         amplitude = v_mul(amplitude, root);
         rgb_t waves = sensitivity((float)order * difference, v_scale(shift, (float)order));

@@ -1,8 +1,8 @@
 /* film: the reflectance of a thin film on a surface, whose colours come of interference (Belcour and Barla
  * 2017, "A Practical Extension to Microfacet Theory for the Modeling of Varying Iridescence"), in the form
  * that KHR_materials_iridescence gives to it. */
-#ifndef LIGHTMILL_FILM_H
-#define LIGHTMILL_FILM_H
+#ifndef LIGHTMILL_BSDF_FILM_H
+#define LIGHTMILL_BSDF_FILM_H
 
 #include "worker/render/bsdf/bsdf.h"
 

@@ -1,9 +1,10 @@
 /* lobe_dispersion: the interface of a dielectric whose index of refraction differs from colour to colour, so
- * that it splits light (KHR_materials_dispersion): smooth, or rough as lobe_dielectric.c.
+ * that it splits light (KHR_materials_dispersion; the indices of a spectral job): smooth, or rough as
+ * lobe_dielectric.c.
  *
- * DESIGN. Light is red, green and blue here, so there are three indices, and what is refracted goes three
- * ways: a spectrum becomes three edges of colour. A reflection keeps all colours together, each with its own
- * reflectance.
+ * DESIGN. Light has three channels, so there are three indices, and what is refracted goes three ways. In RGB
+ * a spectrum becomes three edges of colour; in a spectral job samples have all wavelengths. A reflection
+ * keeps all channels together, each with its own reflectance.
  *
  * Of the smooth interface a sample chooses a colour that it goes on with, and the others become black. Where
  * the subpath has come to one colour already (bsdf_carry) it keeps that one, so that the price is paid once,
@@ -34,8 +35,7 @@ static rgb_t in_channel(float value, int channel)
 /* Index of the far side over that of the near side. */
 static float relative_index(const lobe_t *lobe, bool outside, int channel)
 {
-    float ior = lobe->dielectric.ior + (float)(channel - 1) * lobe->dielectric.spread;
-    ior = float_clamp(ior, 1 + 2 * LOBE_LEAST_REFRACTION, 100);
+    float ior = lobe->dielectric.iors[channel];
     return outside ? ior : 1 / ior;
 }
 

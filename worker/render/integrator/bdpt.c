@@ -214,7 +214,7 @@ static void hit_lights(half_t *b, const walk_t *walk, const vertex_t *z)
     bool caustic = walk->seeks != CAUSTICS_NOWHERE && !walk->joinable;
     for (uint32_t k = 0; k < vertex_light_count(z, b->setup->lights); k++) {
         light_hit_t hit;
-        if (!vertex_light_hit(z, b->setup->lights, k, walk->point, &hit)) continue;
+        if (!vertex_light_hit(z, b->sample, k, walk->point, &hit)) continue;
         float count =
             walk->first ? first_light_count(b->setup, hit.light, walk->in_medium) : later_light_worth;
         float share =
@@ -449,7 +449,7 @@ static void trace_light_subpath(half_t *b, walk_t *walk, bool splats)
         if (y.depth == 1) begin_path(b, walk);
         if (y.kind == VERTEX_SKY || vertex_is_for_eyes(&y) || !walk_weigh(walk, &y)) return;
         if (y.length > segments || y.within > WITHIN_MOST) return;
-        vertex_shade(&y, b->setup, walk->scattered);
+        vertex_shade(&y, b->sample, walk->scattered);
         if (b->eta > 0) walk_weigh_merging(walk, &y, b->eta);
         if (vertex_is_joinable(&y)) join_light_vertex(b, &y, splats);
     } while (walk_scatter(walk, b->sample, &y));
@@ -510,7 +510,7 @@ static void follow(half_t *b, walk_t *walk)
         if (!vertex_is_near(&y, b->setup) || !walk_weigh(walk, &y)) return;
         if (!walk->joinable) hit_lights(b, walk, &y);
         if (y.kind == VERTEX_SKY || !vertex_has_room(&y, setup_max_segments(b->setup))) return;
-        vertex_shade(&y, b->setup, walk->scattered);
+        vertex_shade(&y, b->sample, walk->scattered);
         if (!walk_scatter(walk, b->sample, &y) || walk->joinable) return;
     }
 }
@@ -575,7 +575,7 @@ static void take_flight(half_t *b, const walk_t *before)
     walk_t walk;
     vertex_t z;
     if (lights_empty(b->setup->lights) || !walk_flight(before, b->sample, &walk, &z)) return;
-    vertex_shade(&z, b->setup, false);
+    vertex_shade(&z, b->sample, false);
     if (b->eta > 0) walk_weigh_merging(&walk, &z, b->eta);
     join_eye_vertex(b, &z);
 }
@@ -598,7 +598,7 @@ static rgb_t bdpt_eye(sample_t *sample)
         hit_lights(&b, &walk, &z);
         bool ends = !vertex_has_room(&z, segments);
         if (z.kind == VERTEX_SKY || (ends && z.depth > 1)) break;
-        vertex_shade(&z, b.setup, walk.scattered);
+        vertex_shade(&z, sample, walk.scattered);
         if (z.depth == 1) vertex_first_hit(&z, sample, eye);
         if (ends) break;
         if (b.eta > 0) walk_weigh_merging(&walk, &z, b.eta);

@@ -25,6 +25,22 @@ float sample_time(const sample_t *sample)
     return sample->setup->moves ? sample_2d(sample, DIMENSION_EYE + DIMENSION_TIME).x : 0;
 }
 
+void sample_waves(sample_t *sample, waves_t *waves)
+{
+    const waves_tables_t *tables = sample->setup->waves;
+    if (tables == NULL) return;
+    *waves = waves_draw(tables, sample_2d(sample, DIMENSION_EYE + DIMENSION_WAVES).x);
+    sample->waves = waves;
+}
+
+rgb_t sample_light_waves(const sample_t *sample, uint32_t light, rgb_t radiance)
+{
+    const scene_blob_t *blob = scene_blob(sample->setup->scene);
+    const blob_value_t *value = &blob->lights[light].radiance;
+    if (value->spectrum == 0 || value->texture != 0) return waves_light(sample->waves, radiance);
+    return v_scale(waves_spectrum(sample->waves, &blob->spectra[value->spectrum - 1]), v_max(radiance));
+}
+
 bool sample_join_camera(const sample_t *sample, vec3_t p, uint32_t dimension, camera_view_t *view)
 {
     const setup_t *setup = sample->setup;
@@ -73,6 +89,7 @@ static void splat_at(sample_t *sample, vec2_t raster, rgb_t value, uint32_t ligh
 
 void sample_splat(sample_t *sample, vec2_t raster, rgb_t value, uint32_t light, uint32_t dimension)
 {
+    value = sample_colour(sample, value);
     const filter_t *filter = &sample->setup->filter;
     if (filter->x.is_pixel && filter->y.is_pixel) {
         splat_at(sample, raster, value, light, (vec2_t){0, 0});

@@ -34,6 +34,7 @@ typedef struct {
     const float *inverse_brightness;
     const struct caustics *caustics; /* caustics.h; NULL: there are none */
     float noise; /* in those terms, about the standard deviation of what the eye half of a sample brings */
+    const waves_tables_t *waves; /* of a spectral job; else NULL */
     job_settings_t settings;
 } setup_t;
 
@@ -59,6 +60,7 @@ typedef struct {
     uint32_t pixel_x, pixel_y, sample;
     sampler_t numbers;              /* at dimension 0 */
     float time;                     /* of the whole path, 0 to 1 */
+    const waves_t *waves;           /* likewise; NULL: it has red, green and blue */
     float eye_weight;               /* factor on the eye subpath's radiance; set by sample_eye_ray */
     first_hit_t first_hit;          /* filled by integrators that trace eye subpaths */
     rgb_t groups[LIGHT_GROUPS_MAX]; /* what of the radiance of the eye subpath comes from each light group */
@@ -74,7 +76,7 @@ typedef struct {
     /* NULL, or: samples of one index go in blocks of pixels (light_pool.h). Of a block, `light` is called for
      * each light subpath, with the pixel that it belongs to, and then `sample` for the pixels that are to be
      * rendered. `splats`: the pixel is one of these; else only light vertices are wanted. All samples of a
-     * block have one time. */
+     * block have one time and one set of wavelengths. */
     void (*light)(sample_t *sample, bool splats);
     bool traces_light; /* its splats are over the number of samples */
     bool merges;       /* samples get photons */
@@ -93,8 +95,14 @@ enum {
     DIMENSION_LIGHT = DIMENSION_EYE + 6,
     DIMENSION_STRIDE = 12
 };
-/* Of vertex 0 of the eye subpath; the last is the block's, for how many light subpaths it has. */
-enum { DIMENSION_FILTER = 0, DIMENSION_LENS = 1, DIMENSION_TIME = 2, DIMENSION_LIGHT_COUNT = 3 };
+/* Of vertex 0 of the eye subpath; the last but one is the block's, for how many light subpaths it has. */
+enum {
+    DIMENSION_FILTER = 0,
+    DIMENSION_LENS = 1,
+    DIMENSION_TIME = 2,
+    DIMENSION_LIGHT_COUNT = 3,
+    DIMENSION_WAVES = 5
+};
 /* Of vertex i >= 1 of the eye subpath: a light's choice and place, the scattering, the choice of light
  * vertices, and which connections survive. */
 enum { DIMENSION_ILLUMINATE = 0, DIMENSION_SCATTER = 2, DIMENSION_CHOOSE = 4, DIMENSION_SURVIVE = 5 };
@@ -141,6 +149,19 @@ static inline vec2_t sample_2d(const sample_t *sample, uint32_t dimension)
 void sample_eye_ray(sample_t *sample, camera_ray_t *ray);
 /* The time of the sample: 0 where nothing moves. */
 float sample_time(const sample_t *sample);
+/* Draws the wavelengths of the sample, if its job is spectral, to be kept in *waves. */
+void sample_waves(sample_t *sample, waves_t *waves);
+/* What the channels have of light from a light, of the given linear sRGB. */
+rgb_t sample_light_waves(const sample_t *sample, uint32_t light, rgb_t radiance);
+static inline rgb_t sample_light(const sample_t *sample, uint32_t light, rgb_t radiance)
+{
+    return sample->waves == NULL ? radiance : sample_light_waves(sample, light, radiance);
+}
+/* What the film shows of light in the channels. */
+static inline rgb_t sample_colour(const sample_t *sample, rgb_t light)
+{
+    return sample->waves == NULL ? light : waves_colour(sample->waves, light);
+}
 /* Joins a point to the camera; `dimension` is that of the point's vertex. */
 bool sample_join_camera(const sample_t *sample, vec3_t p, uint32_t dimension, camera_view_t *view);
 /* Adds a splat at a film position, of light from this light; `dimension` is that of the point's vertex. */

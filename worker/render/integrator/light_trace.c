@@ -47,7 +47,7 @@ static void trace_light_path(sample_t *sample)
         walk_arrive(&walk, sample, &y);
         if (y.kind == VERTEX_SKY || vertex_is_for_eyes(&y)) return;
         if (y.length > segments || y.within > WITHIN_MOST) return;
-        vertex_shade(&y, setup, walk.scattered);
+        vertex_shade(&y, sample, walk.scattered);
         rgb_t throughput = y.throughput;
         if (vertex_is_joinable(&y) && vertex_joins(&y, sample, &y.throughput))
             splat_vertex(sample, &y, &walk, &ray);
@@ -65,14 +65,14 @@ static rgb_t seen_light(sample_t *sample)
     walk_t walk = walk_from_camera(sample, roulette);
     walk_arrive(&walk, sample, &z);
     for (uint32_t k = 0; k < vertex_light_count(&z, setup->lights); k++)
-        if (vertex_light_hit(&z, setup->lights, k, walk.point, &hit)) {
+        if (vertex_light_hit(&z, sample, k, walk.point, &hit)) {
             rgb_t arrives = v_mul(z.throughput, hit.radiance);
             sum = v_add(sum, arrives);
             sample_lit(sample, hit.light, arrives);
         }
     sum = v_add(sum, walk.glow);
     if (z.kind == VERTEX_SKY) return sum;
-    vertex_shade(&z, setup, false);
+    vertex_shade(&z, sample, false);
     vertex_first_hit(&z, sample, walk.origin);
     return sum;
 }

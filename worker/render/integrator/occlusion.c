@@ -37,7 +37,7 @@ static rgb_t occlusion_sample(sample_t *sample)
     if (sample->eye_weight == 0) return vec3(0, 0, 0);
     walk_arrive(&walk, sample, &z);
     if (z.kind == VERTEX_SKY) return vec3(0, 0, 0);
-    vertex_shade(&z, setup, false);
+    vertex_shade(&z, sample, false);
     vertex_first_hit(&z, sample, walk.origin);
     float distance = float_min(record->occlusion_distance, beyond_everything(setup->scene, vertex_point(&z)));
     vec3_t w = open_direction(sample, &z), from = vertex_exit(&z, w);

@@ -44,7 +44,7 @@ static rgb_t emitted(sample_t *sample, const walk_t *walk, const vertex_t *z)
     rgb_t sum = vec3(0, 0, 0);
     for (uint32_t k = 0; k < vertex_light_count(z, setup->lights); k++) {
         light_hit_t hit;
-        if (!vertex_light_hit(z, setup->lights, k, walk->point, &hit)) continue;
+        if (!vertex_light_hit(z, sample, k, walk->point, &hit)) continue;
         /* makes the place's density one per steradian at the vertex before */
         float measure = z->kind == VERTEX_SKY
                             ? 1
@@ -77,7 +77,7 @@ static rgb_t other_flight(sample_t *sample, const walk_t *before)
     walk_t walk;
     vertex_t z;
     if (!walk_flight(before, sample, &walk, &z)) return vec3(0, 0, 0);
-    vertex_shade(&z, sample->setup, false);
+    vertex_shade(&z, sample, false);
     return next_event(sample, &walk, &z);
 }
 
@@ -99,7 +99,7 @@ static rgb_t gather(sample_t *sample, walk_t *walk)
             radiance = v_add(radiance, v_mul(z.throughput, emitted(sample, walk, &z)));
         bool ends = !vertex_has_room(&z, segments);
         if (z.kind == VERTEX_SKY || (ends && z.depth > 1)) return radiance;
-        vertex_shade(&z, setup, walk->scattered);
+        vertex_shade(&z, sample, walk->scattered);
         if (z.depth == 1) vertex_first_hit(&z, sample, eye);
         if (ends) return radiance;
         if (vertex_is_joinable(&z) && !lights_empty(setup->lights))

@@ -170,6 +170,7 @@ static inline bool walk_from_light(const sample_t *sample, roulette_t roulette, 
     float choice = sampler_1d(&sampler);
     vec2_t place = sampler_2d(&sampler);
     if (lights_empty(lights) || !lights_emit(lights, choice, place, sampler_2d(&sampler), ray)) return false;
+    ray->throughput = sample_light(sample, ray->light, ray->throughput);
     *walk = (walk_t){.mode = TRANSPORT_IMPORTANCE,
                      .roulette = roulette,
                      .reference = v_max(ray->throughput),

@@ -11,14 +11,14 @@ bool vertex_eval_split(const vertex_t *vertex, vec3_t w, bool delta, float pdf_p
     return true;
 }
 
-bool vertex_light_hit(const vertex_t *vertex, const lights_t *lights, uint32_t k, vec3_t from,
+bool vertex_light_hit(const vertex_t *vertex, const sample_t *sample, uint32_t k, vec3_t from,
                       light_hit_t *hit)
 {
-    if (vertex->kind == VERTEX_SKY) {
-        vec3_t w = v_neg(vertex->wo);
-        return lights_escape(lights, k, from, w, hit);
-    }
-    return lights_hit(lights, from, &vertex->surface, vertex->wo, hit);
+    const lights_t *lights = sample->setup->lights;
+    bool shines = vertex->kind == VERTEX_SKY ? lights_escape(lights, k, from, v_neg(vertex->wo), hit)
+                                             : lights_hit(lights, from, &vertex->surface, vertex->wo, hit);
+    if (shines) hit->radiance = sample_light(sample, hit->light, hit->radiance);
+    return shines;
 }
 
 void vertex_first_hit(const vertex_t *vertex, sample_t *sample, vec3_t origin)
@@ -28,6 +28,11 @@ void vertex_first_hit(const vertex_t *vertex, sample_t *sample, vec3_t origin)
     const bsdf_t *bsdf = &vertex->bsdf;
     const surface_t *surface = &vertex->surface;
     rgb_t albedo = bsdf_albedo(bsdf);
+    if (sample->waves != NULL) { /* the layer has colours */
+        bsdf_t colours;
+        material_bsdf(sample->setup->scene, surface, &colours);
+        albedo = bsdf_albedo(&colours);
+    }
     bool behind = v_dot(bsdf->ng, v_sub(vertex_point(vertex), origin)) > 0; /* seen from its back */
     vec3_t normal = behind ? v_neg(bsdf->ns) : bsdf->ns;
     sample->first_hit =

@@ -40,13 +40,14 @@ typedef struct {
 } vertex_t;
 
 /* Makes the BSDF. `scattered`: the path was scattered before by something that is not specular. */
-static inline void vertex_shade(vertex_t *vertex, const setup_t *setup, bool scattered)
+static inline void vertex_shade(vertex_t *vertex, const sample_t *sample, bool scattered)
 {
+    const setup_t *setup = sample->setup;
     if (vertex->kind == VERTEX_MEDIUM) {
         media_bsdf(setup->media, vertex->media[0], vertex->wo, &vertex->bsdf);
         return;
     }
-    material_bsdf(setup->scene, &vertex->surface, &vertex->bsdf);
+    material_bsdf_of(setup->scene, &vertex->surface, sample->waves, &vertex->bsdf);
     if (setup->regularizes && scattered) bsdf_regularize(&vertex->bsdf);
     bsdf_carry(&vertex->bsdf, vertex->throughput);
 }
@@ -152,7 +153,7 @@ static inline uint32_t vertex_light_count(const vertex_t *vertex, const lights_t
     return vertex->kind == VERTEX_SURFACE && vertex->surface.light != BLOB_NONE;
 }
 /* The k-th of them as seen from the vertex before, which is at `from`; false when it is dark. */
-bool vertex_light_hit(const vertex_t *vertex, const lights_t *lights, uint32_t k, vec3_t from,
+bool vertex_light_hit(const vertex_t *vertex, const sample_t *sample, uint32_t k, vec3_t from,
                       light_hit_t *hit);
 
 /* Places on lights that the vertex of an eye subpath is joined to. */
@@ -172,11 +173,16 @@ static inline bool vertex_view_light(const vertex_t *vertex, const sample_t *sam
     const lights_t *lights = sample->setup->lights;
     sampler_t sampler = sample_stream(sample, vertex->dimension + DIMENSION_ILLUMINATE);
     float choice = sampler_1d(&sampler);
-    if (!vertex->first)
-        return lights_illuminate(lights, vertex_point(vertex), choice, sampler_2d(&sampler), view);
-    vec2_t place = sample_2d(sample, DIMENSION_FIRST_LIGHTS + lights_first_pair(lights, k));
-    if (vertex->other) place = (vec2_t){wrap(place.x + 0.618034f), wrap(place.y + 0.754878f)};
-    return lights_illuminate_first(lights, k, vertex_point(vertex), choice, place, view);
+    if (!vertex->first) {
+        if (!lights_illuminate(lights, vertex_point(vertex), choice, sampler_2d(&sampler), view))
+            return false;
+    } else {
+        vec2_t place = sample_2d(sample, DIMENSION_FIRST_LIGHTS + lights_first_pair(lights, k));
+        if (vertex->other) place = (vec2_t){wrap(place.x + 0.618034f), wrap(place.y + 0.754878f)};
+        if (!lights_illuminate_first(lights, k, vertex_point(vertex), choice, place, view)) return false;
+    }
+    view->radiance = sample_light(sample, view->light, view->radiance);
+    return true;
 }
 
 /* Notes the vertex as what the eye ray from `origin` met first, for the samples whose features count. */

@@ -14,7 +14,7 @@ static void shade(const shading_t *shading)
     if (material != NULL) material(shading);
 }
 
-void material_bsdf(const scene_t *scene, const surface_t *surface, bsdf_t *bsdf)
+void material_bsdf_of(const scene_t *scene, const surface_t *surface, const waves_t *waves, bsdf_t *bsdf)
 {
     texture_point_t at = {.p = surface->p, .n = surface->ns, .colour = {1, 1, 1, 1}};
     bsdf->ng = surface->ng;
@@ -45,7 +45,7 @@ void material_bsdf(const scene_t *scene, const surface_t *surface, bsdf_t *bsdf)
     } else {
         v_frame(bsdf->ns, &bsdf->s, &bsdf->t);
     }
-    shading_t shading = {scene, surface->material, &at, vec3(1, 1, 1), bsdf, shade, coat_normal};
+    shading_t shading = {scene, surface->material, &at, vec3(1, 1, 1), bsdf, shade, coat_normal, waves};
     shade(&shading);
     bsdf_complete(bsdf);
 }

@@ -8,8 +8,13 @@
 
 #include "worker/render/material/shading.h"
 
-/* Makes the BSDF at a surface point: shading frame, normal map, lobes. */
-void material_bsdf(const scene_t *scene, const surface_t *surface, bsdf_t *bsdf);
+/* Makes the BSDF at a surface point: shading frame, normal map, lobes. Its channels are the wavelengths, */
+void material_bsdf_of(const scene_t *scene, const surface_t *surface, const waves_t *waves, bsdf_t *bsdf);
+/* or red, green and blue. */
+static inline void material_bsdf(const scene_t *scene, const surface_t *surface, bsdf_t *bsdf)
+{
+    material_bsdf_of(scene, surface, NULL, bsdf);
+}
 
 /* Every material, by its kind in the blob: the one place that a new one is entered. */
 #define MATERIALS(ENTRY)                                                                                     \

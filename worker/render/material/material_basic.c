@@ -29,9 +29,18 @@ void material_dielectric(const shading_t *shading)
     rgb_t r = shading_colour(shading, VALUE_REFLECTANCE), t = shading_colour(shading, VALUE_TRANSMITTANCE);
     bool rough = shading_alphas(shading, VALUE_ROUGHNESS_U, VALUE_ROUGHNESS_V, alpha);
     if (shading->material->flags & MATERIAL_TINTED_BODY) t = v_mul(t, shading_root(shading, VALUE_ALBEDO));
-    if (shading->material->flags & MATERIAL_THIN)
+    float iors[3];
+    if (shading->material->flags & MATERIAL_THIN) {
         shading_add_dielectric(shading, &lobe_pane, r, t, ior, alpha);
-    else if (rough && fabsf(ior - 1) >= LOBE_LEAST_REFRACTION)
+        return;
+    }
+    if (shading_disperses(shading, VALUE_ETA, iors)) {
+        const lobe_kind_t *kind = rough ? &lobe_rough_dispersion : &lobe_smooth_dispersion;
+        lobe_t *lobe = shading_add_dielectric(shading, kind, r, t, ior, alpha);
+        for (int k = 0; k < 3 && lobe != NULL; k++) lobe->dielectric.iors[k] = iors[k];
+        return;
+    }
+    if (rough && fabsf(ior - 1) >= LOBE_LEAST_REFRACTION)
         shading_add_dielectric(shading, &lobe_rough_dielectric, r, t, ior, alpha);
     else
         shading_add_dielectric(shading, &lobe_smooth_dielectric, r, t, ior, alpha);
@@ -41,7 +50,7 @@ void material_conductor(const shading_t *shading)
 {
     float alpha[2];
     rgb_t reflectance = shading_colour(shading, VALUE_REFLECTANCE), eta = shading_colour(shading, VALUE_ETA),
-          k = shading_colour(shading, VALUE_K);
+          k = shading_absorption_index(shading, VALUE_ETA);
     bool rough = shading_alphas(shading, VALUE_ROUGHNESS_U, VALUE_ROUGHNESS_V, alpha);
     lobe_t *lobe = shading_add(shading, rough ? &lobe_rough_conductor : &lobe_smooth_conductor, reflectance,
                                v_max(v_mul(reflectance, fresnel_conductor(1, eta, k))));

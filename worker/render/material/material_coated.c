@@ -119,7 +119,7 @@ void material_coated_conductor(const shading_t *shading)
     bool rough = shading_alphas(shading, VALUE_BASE_ROUGHNESS_U, VALUE_BASE_ROUGHNESS_V, base_alpha);
     /* The metal meets the coat's index. */
     rgb_t eta = v_scale(shading_colour(shading, VALUE_BASE_ETA), 1 / coat.ior);
-    rgb_t k = v_scale(shading_colour(shading, VALUE_K), 1 / coat.ior);
+    rgb_t k = v_scale(shading_absorption_index(shading, VALUE_BASE_ETA), 1 / coat.ior);
     bool mirror =
         coat.smooth && !rough && v_is_zero(coat.albedo) && !(shading->material->flags & MATERIAL_TINTED);
     lobe_t *lobe = add_layers(shading, mirror ? &lobe_smooth_layers : &lobe_layered, &coat,

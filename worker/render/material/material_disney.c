@@ -12,9 +12,9 @@ static rgb_t mix(float amount, rgb_t a, rgb_t b)
     return v_mad(v_scale(a, 1 - amount), amount, b);
 }
 
-static rgb_t tint_of(rgb_t colour)
+static rgb_t tint_of(const shading_t *shading, rgb_t colour)
 {
-    float luminance = rgb_luminance(colour);
+    float luminance = shading_luminance(shading, VALUE_REFLECTANCE);
     return luminance > 0 ? v_scale(colour, 1 / luminance) : vec3(1, 1, 1);
 }
 
@@ -39,8 +39,8 @@ static void add_sheen(const shading_t *shading, rgb_t colour, float weight)
 {
     float amount = float_max(shading_number(shading, VALUE_SHEEN), 0);
     if (amount == 0) return;
-    rgb_t sheen =
-        v_scale(mix(unit(shading, VALUE_SHEEN_TINT), vec3(1, 1, 1), tint_of(colour)), weight * amount);
+    rgb_t sheen = v_scale(mix(unit(shading, VALUE_SHEEN_TINT), vec3(1, 1, 1), tint_of(shading, colour)),
+                          weight * amount);
     shading_add(shading, &lobe_disney_sheen, sheen, 0.1f * v_max(sheen));
 }
 
@@ -64,7 +64,7 @@ static void add_specular(const shading_t *shading, rgb_t colour, float metallic,
         shading_add(shading, &lobe_disney_specular, v_scale(albedo, weight), weight * v_max(albedo));
     if (lobe == NULL) return;
     lobe->disney_specular.factor = vec3(1 / albedo.x, 1 / albedo.y, 1 / albedo.z);
-    rgb_t tinted = mix(unit(shading, VALUE_SPECULAR_TINT), vec3(1, 1, 1), tint_of(colour));
+    rgb_t tinted = mix(unit(shading, VALUE_SPECULAR_TINT), vec3(1, 1, 1), tint_of(shading, colour));
     lobe->alpha[0] = alpha[0];
     lobe->alpha[1] = alpha[1];
     lobe->disney_specular.ior = ior;

@@ -59,8 +59,12 @@ static lobe_film_t read_film(const shading_t *shading)
 {
     float strength = unit(shading, VALUE_IRIDESCENCE);
     if (strength == 0) return (lobe_film_t){.strength = 0};
-    return (lobe_film_t){strength, float_clamp(shading_number(shading, VALUE_IRIDESCENCE_ETA), 1, 100),
-                         float_max(shading_number(shading, VALUE_IRIDESCENCE_THICKNESS), 0)};
+    lobe_film_t film = {.strength = strength,
+                        .ior = float_clamp(shading_number(shading, VALUE_IRIDESCENCE_ETA), 1, 100),
+                        .thickness = float_max(shading_number(shading, VALUE_IRIDESCENCE_THICKNESS), 0)};
+    for (int k = 0; k < WAVES && shading->waves != NULL; k++)
+        film.waves[k] = (uint16_t)(shading->waves->nm[k] * FILM_PART);
+    return film;
 }
 
 /* The mean goes into the scale, which then is about the albedo. */
@@ -77,7 +81,7 @@ static void add_reflection(const shading_t *shading, const lobe_kind_t *kind, rg
     bool film = finish->film.strength != 0;
     lobe->schlick.f0 = film ? f0 : v_mul(f0, factor);
     lobe->schlick.f90 = film ? f90 : v_mul(f90, factor);
-    lobe->schlick.gain = factor;
+    if (film) lobe->schlick.gain = factor;
 }
 
 /* The dielectric's reflection of weight `dielectric`, and the metal's. */
@@ -135,7 +139,7 @@ static void add_solid(const shading_t *shading, rgb_t colour, rgb_t tint, float 
         shading_add_dielectric(shading, kind, v_scale(tint, left), v_scale(colour, left), ior, finish->alpha);
     add_absorption(shading);
     if (lobe == NULL) return;
-    lobe->dielectric.spread = (ior - 1) * 0.025f * dispersion;
+    if (disperses) shading_spread(shading, ior, dispersion, lobe->dielectric.iors);
     lobe->dielectric.film = finish->film;
     lobe->dielectric.film_f0 = (ior - 1) / (ior + 1) * ((ior - 1) / (ior + 1));
 }

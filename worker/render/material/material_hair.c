@@ -33,9 +33,13 @@ static rgb_t absorption(const shading_t *shading, float beta)
     static const rgb_t eumelanin = {0.419f, 0.697f, 1.37f}, pheomelanin = {0.187f, 0.4f, 1.05f};
     if (shading->material->flags & MATERIAL_DYED)
         return absorption_of(shading_colour(shading, VALUE_REFLECTANCE), beta);
-    rgb_t sum = shading_colour(shading, VALUE_ATTENUATION);
-    sum = v_mad(sum, float_max(shading_number(shading, VALUE_EUMELANIN), 0), eumelanin);
-    return v_mad(sum, float_max(shading_number(shading, VALUE_PHEOMELANIN), 0), pheomelanin);
+    rgb_t sum = shading_colour(shading, VALUE_ATTENUATION), eu = eumelanin, pheo = pheomelanin;
+    if (shading->waves != NULL) {
+        eu = waves_coefficient(shading->waves, eu);
+        pheo = waves_coefficient(shading->waves, pheo);
+    }
+    sum = v_mad(sum, float_max(shading_number(shading, VALUE_EUMELANIN), 0), eu);
+    return v_mad(sum, float_max(shading_number(shading, VALUE_PHEOMELANIN), 0), pheo);
 }
 
 /* The variance of R along the hair (Chiang et al., equation 7), as 1 / v of TRT, which has four times it. */

@@ -22,12 +22,35 @@ static bool is_share(material_value_t value)
            value == VALUE_AMOUNT;
 }
 
-rgb_t shading_colour(const shading_t *shading, material_value_t value)
+/* The colour as RGB. */
+static inline rgb_t plain_colour(const shading_t *shading, material_value_t value)
 {
     rgb_t c = value_at(shading, value);
     if ((shading->material->flags & MATERIAL_UNIT) != 0 && is_share(value))
         c = vec3(float_min(c.x, 1), float_min(c.y, 1), float_min(c.z, 1));
     return vec3(sane(c.x, 0), sane(c.y, 0), sane(c.z, 0));
+}
+
+/* Of what is no share of light. */
+static bool is_coefficient(material_value_t value)
+{
+    return value == VALUE_ETA || value == VALUE_K || value == VALUE_BASE_ETA || value == VALUE_ATTENUATION;
+}
+
+rgb_t shading_colour(const shading_t *shading, material_value_t value)
+{
+    rgb_t c = plain_colour(shading, value);
+    if (shading->waves == NULL) return c;
+    const blob_value_t *v = &shading->material->values[value];
+    if (v->spectrum != 0 && v->texture == 0)
+        return v_scale(waves_spectrum(shading->waves, &scene_blob(shading->scene)->spectra[v->spectrum - 1]),
+                       v_max(c));
+    return (is_coefficient(value) ? waves_coefficient : waves_reflectance)(shading->waves, c);
+}
+
+float shading_luminance(const shading_t *shading, material_value_t value)
+{
+    return rgb_luminance(plain_colour(shading, value));
 }
 
 float shading_number(const shading_t *shading, material_value_t value)
@@ -39,6 +62,49 @@ rgb_t shading_root(const shading_t *shading, material_value_t value)
 {
     rgb_t c = shading_colour(shading, value);
     return vec3(sqrtf(float_min(c.x, 1)), sqrtf(float_min(c.y, 1)), sqrtf(float_min(c.z, 1)));
+}
+
+rgb_t shading_absorption_index(const shading_t *shading, material_value_t eta)
+{
+    const blob_value_t *v = &shading->material->values[eta];
+    rgb_t k = plain_colour(shading, VALUE_K), k2 = v_mul(k, k), one = {1, 1, 1};
+    bool made =
+        shading->waves != NULL && v->texture == 0 && v->spectrum == 0 && v_is_zero(v_sub(v->factor, one));
+    if (!made) return shading_colour(shading, VALUE_K);
+    rgb_t r =
+        waves_reflectance(shading->waves, vec3(k2.x / (4 + k2.x), k2.y / (4 + k2.y), k2.z / (4 + k2.z)));
+    const float most = 0.9999f; /* as the importer has it */
+    r = v_low(r, vec3(most, most, most));
+    return vec3(2 * sqrtf(r.x / (1 - r.x)), 2 * sqrtf(r.y / (1 - r.y)), 2 * sqrtf(r.z / (1 - r.z)));
+}
+
+bool shading_disperses(const shading_t *shading, material_value_t value, float iors[3])
+{
+    const blob_value_t *v = &shading->material->values[value];
+    if (shading->waves == NULL || v->spectrum == 0 || v->texture != 0) return false;
+    rgb_t c = shading_colour(shading, value);
+    iors[0] = c.x, iors[1] = c.y, iors[2] = c.z;
+    for (int k = 0; k < 3; k++)
+        if (!(iors[k] > 1 + 2 * LOBE_LEAST_REFRACTION && iors[k] <= 100)) return false;
+    return true;
+}
+
+/* n = a + b / wavelength^2; the Abbe number is (n_d - 1) / (n_F - n_C). */
+static float cauchy(float ior, float dispersion, float nm)
+{
+    const float d = 587.56f, f = 486.13f, c = 656.27f;
+    float b = (ior - 1) * dispersion / 20 / (1 / (f * f) - 1 / (c * c));
+    return ior + b * (1 / (nm * nm) - 1 / (d * d));
+}
+
+void shading_spread(const shading_t *shading, float ior, float dispersion, float iors[3])
+{
+    float spread = (ior - 1) * 0.025f * dispersion;
+    for (int k = 0; k < 3; k++) {
+        float there = shading->waves != NULL ? cauchy(ior, dispersion, shading->waves->nm[k])
+                                             : ior + (float)(k - 1) * spread;
+        iors[k] = float_clamp(there, 1 + 2 * LOBE_LEAST_REFRACTION, 100);
+    }
 }
 
 /* pbrt-v3's fit of an alpha to its older Blinn exponent (TrowbridgeReitzDistribution::RoughnessToAlpha). */

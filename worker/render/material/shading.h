@@ -5,6 +5,7 @@
 
 #include "worker/render/bsdf/lobe.h"
 #include "worker/render/scene/scene.h"
+#include "worker/render/spectral/waves.h"
 
 /* A material about to add its lobes. */
 typedef struct shading shading_t;
@@ -18,13 +19,26 @@ struct shading {
     bsdf_t *bsdf;
     material_shade_t *shade; /* any material, by its kind */
     vec3_t coat_normal;      /* of a coat, in the BSDF's frame: (0, 0, 1) where it has none of its own */
+    const waves_t *waves;    /* of the channels; NULL: they are red, green and blue */
 };
 
-/* Values of the material at the point, bounded by 1e6; colours are not negative. */
+/* Values of the material at the point, bounded by 1e6; colours are not negative. A colour is what it is in
+ * each channel; */
 rgb_t shading_colour(const shading_t *shading, material_value_t value);
+/* and this the luminance of the same. */
+float shading_luminance(const shading_t *shading, material_value_t value);
 /* The root of a colour that is at most 1. */
 rgb_t shading_root(const shading_t *shading, material_value_t value);
 float shading_number(const shading_t *shading, material_value_t value);
+/* The absorption index of a metal in each channel. Where its eta is 1 it was made of a reflectance r at
+ * normal incidence, as k = 2 sqrt(r / (1 - r)): that is the colour then. */
+rgb_t shading_absorption_index(const shading_t *shading, material_value_t eta);
+/* The indices of refraction of a body in each channel, where they differ: those of a measured spectrum.
+ * False: they do not, or not in RGB, or light is hardly refracted. */
+bool shading_disperses(const shading_t *shading, material_value_t value, float iors[3]);
+/* The same, of glass with this index at 587.56 nm and the Abbe number 20 / `dispersion`: in RGB as far apart
+ * as KHR_materials_dispersion has it, for wavelengths by Cauchy's formula. */
+void shading_spread(const shading_t *shading, float ior, float dispersion, float iors[3]);
 /* The alphas of the Trowbridge-Reitz distribution from the values `u` and `v`, remapped as the material's
  * flags say, at least 1e-4 each; false when the surface counts as smooth. */
 bool shading_alphas(const shading_t *shading, material_value_t u, material_value_t v, float alpha[2]);

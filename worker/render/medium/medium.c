@@ -17,6 +17,9 @@ typedef struct {
     field_t absorption_tint, scattering_tint, emission_tint, temperature;
     float coldest, hottest;
     const float *glow; /* [BLOB_GLOW_STEPS][3] */
+    /* Of the channels of a ray (matter_of). Its emission, and where it is tinted its coefficients, stay
+     * colours until it is known where. NULL: red, green and blue. */
+    const waves_t *waves;
 } matter_t;
 
 struct media {
@@ -227,6 +230,16 @@ static rgb_t tint(rgb_t coefficient, const field_t *by, const float place[3])
     return by->record != NULL ? v_mul(coefficient, field_colour(by, place)) : coefficient;
 }
 
+static rgb_t in_channels(const matter_t *m, rgb_t coefficient)
+{
+    return m->waves == NULL ? coefficient : waves_coefficient(m->waves, coefficient);
+}
+
+static rgb_t glow_in_channels(const matter_t *m, rgb_t emission)
+{
+    return m->waves == NULL ? emission : waves_light(m->waves, emission);
+}
+
 static rates_t rates_at(const matter_t *m, const march_t *march, float t, float bound)
 {
     if (!m->tinted) {
@@ -235,8 +248,8 @@ static rates_t rates_at(const matter_t *m, const march_t *march, float t, float 
     }
     float place[3];
     density_place(march, t, place);
-    rgb_t scattering = v_scale(tint(m->scattering, &m->scattering_tint, place), 1 / bound),
-          absorption = v_scale(tint(m->absorption, &m->absorption_tint, place), 1 / bound);
+    rgb_t scattering = v_scale(in_channels(m, tint(m->scattering, &m->scattering_tint, place)), 1 / bound),
+          absorption = v_scale(in_channels(m, tint(m->absorption, &m->absorption_tint, place)), 1 / bound);
     return (rates_t){scattering, v_add(absorption, scattering)};
 }
 
@@ -332,7 +345,7 @@ static rgb_t emission_at(const matter_t *m, const march_t *march, vec3_t point, 
         if (!field_place(&m->temperature, point, place)) return vec3(0, 0, 0);
         emission = v_mul(emission, glow_of(m, field_number(&m->temperature, place)));
     }
-    return emission;
+    return glow_in_channels(m, emission);
 }
 
 /* Emission by the tentative collisions: each stands for 1 / bound of the way. Thin media get more of them
@@ -358,12 +371,32 @@ static rgb_t emit_in_grid(const matter_t *m, vec3_t from, vec3_t direction, floa
     return sum;
 }
 
-/* ---- any ----------------------------------------------------------------------------------------------- */
+/* ---- any ---------------------------------------------------------------------------------------------- */
+
+/* The medium, with what its colours are in the channels; `there` is room for it. */
+static const matter_t *matter_of(const media_t *media, blob_ref_t medium, const media_numbers_t *numbers,
+                                 matter_t *there)
+{
+    const matter_t *m = &media->matter[medium - 1];
+    if (numbers->waves == NULL) return m;
+    *there = *m;
+    there->waves = numbers->waves;
+    if (m->tinted) {
+        there->most *= 2; /* which no wavelength of a colour exceeds */
+        return there;
+    }
+    there->scattering = waves_coefficient(numbers->waves, m->scattering);
+    there->absorption = waves_coefficient(numbers->waves, m->absorption);
+    there->extinction = v_add(there->absorption, there->scattering);
+    there->most = v_max(there->extinction);
+    return there;
+}
 
 bool media_scatter(const media_t *media, blob_ref_t medium, vec3_t from, vec3_t direction, float distance,
                    media_numbers_t *numbers, rgb_t *throughput, float *at)
 {
-    const matter_t *m = &media->matter[medium - 1];
+    matter_t there;
+    const matter_t *m = matter_of(media, medium, numbers, &there);
     if (m->density != NULL && !density_is_small(m->density))
         return scatter_in_grid(m, from, direction, distance, numbers, throughput, at);
     return scatter_by_number(m, from, direction, distance, next_number(numbers), throughput, at);
@@ -372,7 +405,8 @@ bool media_scatter(const media_t *media, blob_ref_t medium, vec3_t from, vec3_t 
 rgb_t media_transmittance(const media_t *media, blob_ref_t medium, vec3_t from, vec3_t direction,
                           float distance, media_numbers_t *numbers)
 {
-    const matter_t *m = &media->matter[medium - 1];
+    matter_t there;
+    const matter_t *m = matter_of(media, medium, numbers, &there);
     if (m->density != NULL) return transmit_grid(m, from, direction, distance, numbers);
     return fade_rgb(m->extinction, distance);
 }
@@ -387,10 +421,11 @@ float media_fade(const media_t *media, blob_ref_t medium, float distance)
 rgb_t media_emission(const media_t *media, blob_ref_t medium, vec3_t from, vec3_t direction, float distance,
                      media_numbers_t *numbers)
 {
-    const matter_t *m = &media->matter[medium - 1];
+    matter_t there;
+    const matter_t *m = matter_of(media, medium, numbers, &there);
     if (m->density != NULL) return emit_in_grid(m, from, direction, distance, numbers);
     rgb_t a = m->extinction;
-    return v_mul(m->emission,
+    return v_mul(glow_in_channels(m, m->emission),
                  vec3(faded_length(a.x, distance), faded_length(a.y, distance), faded_length(a.z, distance)));
 }
 

@@ -20,6 +20,7 @@
 #include "common/sampler.h"
 #include "common/scene/scene_blob.h"
 #include "worker/render/bsdf/bsdf.h"
+#include "worker/render/spectral/waves.h"
 
 typedef struct media media_t;
 
@@ -29,10 +30,12 @@ typedef struct {
     blob_ref_t number; /* of the medium; 0: none */
 } medium_t;
 
-/* The numbers that a ray takes: `first`, which is well stratified, and then as many as it wants. */
+/* The numbers that a ray takes: `first`, which is well stratified, and then as many as it wants; and the
+ * wavelengths of its channels. */
 typedef struct {
     float first; /* below 0: used up */
     uint64_t key;
+    const waves_t *waves; /* NULL: red, green and blue */
 } media_numbers_t;
 
 /* Prepares the media of a scene, which must outlive them; NULL when it has none. `empty`: they do nothing. */

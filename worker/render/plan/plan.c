@@ -85,6 +85,8 @@ static void look(looks_t *looks, const integrator_ops_t *integrator, uint32_t i,
     const job_settings_t *settings = &looks->setup->settings;
     uint32_t width = (uint32_t)settings->width;
     sample_t sample = first_look(looks, i, result);
+    waves_t waves;
+    sample_waves(&sample, &waves);
     light_pool_reset(looks->pool, 1);
     if (integrator->light != NULL) integrator->light(&sample, true);
     float value = usable(integrator->sample(&sample));
@@ -108,6 +110,8 @@ static void look_for_caustics(looks_t *looks, const integrator_ops_t *integrator
     if (looks->scout.sights == 0 || looks->scout.meetings == 0) return;
     for (uint32_t i = looks->count; i < TIMES * looks->count; i++) {
         sample_t sample = first_look(looks, i, result);
+        waves_t waves;
+        sample_waves(&sample, &waves);
         light_pool_reset(looks->pool, 1);
         integrator->light(&sample, true);
         result->splat_count = 0;

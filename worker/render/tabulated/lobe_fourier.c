@@ -129,7 +129,8 @@ static rgb_t radiance_value(const lobe_fourier_t *f, float mu_i, float mu_o, flo
     }
     if (f->table->channels == 1) return v_scale(f->factor, y * scale);
     float r = (float)values[1], b = (float)values[2], g = 1.39829f * y - 0.100913f * b - 0.297375f * r;
-    return v_mul(f->factor, vec3(float_max(r, 0) * scale, float_max(g, 0) * scale, float_max(b, 0) * scale));
+    rgb_t value = vec3(float_max(r, 0) * scale, float_max(g, 0) * scale, float_max(b, 0) * scale);
+    return v_mul(f->factor, f->waves == NULL ? value : waves_coefficient(f->waves, value));
 }
 
 /* ---- densities ----------------------------------------------------------------------------------------- */

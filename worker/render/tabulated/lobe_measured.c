@@ -236,7 +236,8 @@ static rgb_t colour_at(const lobe_measured_t *m, const slices_t *s, vec2_t at)
             between(between(mixed(colours, s, stride, low), mixed(colours, s, stride, low + 3), p.x),
                     between(mixed(colours, s, stride, high), mixed(colours, s, stride, high + 3), p.x), p.y);
     }
-    return vec3(rgb[0], rgb[1], rgb[2]);
+    rgb_t colour = vec3(rgb[0], rgb[1], rgb[2]);
+    return m->waves == NULL ? colour : waves_coefficient(m->waves, colour);
 }
 
 /* Both lie above the surface; `normal` is the microfacet's, halfway between them. */

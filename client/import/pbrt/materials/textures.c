@@ -154,7 +154,9 @@ static result_t read_product(pbrt_t *p, params_t *params, position_t at, bool is
     blob_value_t *a = &texture->inputs[0], *b = &texture->inputs[1];
     TRY(read_input(p, params, v3 ? "tex1" : "tex", is_float, 1, a));
     TRY(read_input(p, params, v3 ? "tex2" : "scale", v3 ? is_float : true, 1, b));
-    *value = (blob_value_t){v_mul(a->factor, b->factor), a->texture ? a->texture : b->texture};
+    *value = (blob_value_t){.factor = v_mul(a->factor, b->factor),
+                            .texture = a->texture ? a->texture : b->texture};
+    if (b->factor.x == b->factor.y && b->factor.y == b->factor.z) value->spectrum = a->spectrum;
     if (!v_is_finite(value->factor)) return error_at(at, "this scale is not finite");
     if (!a->texture || !b->texture) texture->kind = 0;
     return result_ok();

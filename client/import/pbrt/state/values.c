@@ -123,8 +123,22 @@ static spectrum_rules_t rules_of(const pbrt_t *p)
     return p->dialect.dialect == DIALECT_V3 ? SPECTRUM_PBRT_V3 : SPECTRUM_PBRT_V4;
 }
 
+/* Keeps the spectrum, times `scale`, for spectral jobs, beside the colour that it has. */
+static void keep_spectrum(pbrt_t *p, const spectrum_t *spectrum, double scale, blob_value_t *value)
+{
+    blob_spectrum_t kept;
+    double most = (double)v_max(value->factor);
+    if (most > 0 && scale > 0 && spectrum_resample(spectrum, scale / most, &kept))
+        value->spectrum = scene_add_spectrum(p->builder, &kept);
+}
+
+static void keep_emission(pbrt_t *p, const spectrum_t *spectrum, blob_value_t *value)
+{
+    keep_spectrum(p, spectrum, spectrum_emission_scale(spectrum, rules_of(p)), value);
+}
+
 static result_t spectrum_value(pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
-                               colour_use_t use, rgb_t *value)
+                               colour_use_t use, blob_value_t *value)
 {
     static const spectrum_use_t uses[] = {[COLOUR_REFLECTANCE] = SPECTRUM_REFLECTANCE,
                                           [COLOUR_UNBOUNDED] = SPECTRUM_REFLECTANCE,
@@ -133,19 +147,20 @@ static result_t spectrum_value(pbrt_t *p, const params_t *owner, const param_t *
     spectrum_t spectrum;
     bool missing;
     TRY(find_spectrum(p, owner, item, &missing));
-    if (missing) {
-        *value = vec3(0, 0, 0);
-        return result_ok();
-    }
+    if (missing) return result_ok();
     TRY(read_spectrum(p, owner, item, name, &spectrum));
-    *value = spectrum_colour(&spectrum, uses[use], rules_of(p));
+    value->factor = spectrum_colour(&spectrum, uses[use], rules_of(p));
+    if (use == COLOUR_LIGHT)
+        keep_emission(p, &spectrum, value);
+    else
+        keep_spectrum(p, &spectrum, 1, value);
     spectrum_free(&spectrum);
     return result_ok();
 }
 
 /* A temperature in kelvin; in v3 with a scale behind it. */
 static result_t blackbody_value(pbrt_t *p, const params_t *owner, const param_t *item, const char *name,
-                                rgb_t *value)
+                                blob_value_t *value)
 {
     size_t numbers = p->dialect.dialect == DIALECT_V3 ? 2 : 1, count;
     const double *v = params_numbers(owner, item);
@@ -156,8 +171,11 @@ static result_t blackbody_value(pbrt_t *p, const params_t *owner, const param_t 
     if (!(v[0] > 0 && v[0] <= 1e6))
         return error_at(item->at, "parameter \"%s\": the temperature is %g K, but must be over 0", name,
                         v[0]);
-    *value = spectrum_blackbody(v[0], rules_of(p));
-    if (numbers == 2) *value = v_scale(*value, (float)v[1]);
+    value->factor = spectrum_blackbody(v[0], rules_of(p));
+    spectrum_t spectrum = spectrum_of_blackbody(v[0]);
+    keep_emission(p, &spectrum, value);
+    spectrum_free(&spectrum);
+    if (numbers == 2) value->factor = v_scale(value->factor, (float)v[1]);
     return result_ok();
 }
 
@@ -181,11 +199,11 @@ static result_t read_colour(pbrt_t *p, const params_t *owner, const param_t *ite
     case PARAM_XYZ:
         return rgb_value(p, owner, item, name, use, &value->factor);
     case PARAM_SPECTRUM:
-        return spectrum_value(p, owner, item, name, use, &value->factor);
+        return spectrum_value(p, owner, item, name, use, value);
     case PARAM_TEXTURE:
         return texture_value(p, owner, item, name, false, value);
     case PARAM_BLACKBODY:
-        return blackbody_value(p, owner, item, name, &value->factor);
+        return blackbody_value(p, owner, item, name, value);
     default:
         return error_at(item->at, "parameter \"%s\" must be a colour (rgb), not of type %s", name,
                         param_type_name(item->type));
@@ -216,13 +234,19 @@ result_t pbrt_colour_value(pbrt_t *p, params_t *params, const char *name, colour
     return value->texture ? result_ok() : check_constant(p, name, item->at, use, &value->factor);
 }
 
+result_t pbrt_constant_colour(pbrt_t *p, params_t *params, const char *name, colour_use_t use,
+                              blob_value_t *value)
+{
+    TRY(pbrt_colour_value(p, params, name, use, value));
+    if (value->texture == 0) return result_ok();
+    return error_at(params_where(params, name, (position_t){.path = ""}),
+                    "parameter \"%s\" cannot vary; give a colour instead of a texture", name);
+}
+
 result_t pbrt_colour(pbrt_t *p, params_t *params, const char *name, colour_use_t use, rgb_t *value)
 {
     blob_value_t read = blob_colour_value(*value);
-    TRY(pbrt_colour_value(p, params, name, use, &read));
-    if (read.texture != 0)
-        return error_at(params_where(params, name, (position_t){.path = ""}),
-                        "parameter \"%s\" cannot vary; give a colour instead of a texture", name);
+    TRY(pbrt_constant_colour(p, params, name, use, &read));
     *value = read.factor;
     return result_ok();
 }
@@ -253,15 +277,17 @@ result_t pbrt_index(pbrt_t *p, params_t *params, const char *name, blob_value_t 
     spectrum_t spectrum;
     TRY(read_spectrum(p, owner, item, name, &spectrum));
     *value = blob_constant((float)spectrum_at(&spectrum, SPECTRUM_D_LINE));
+    if (spectrum.count > 1) keep_spectrum(p, &spectrum, 1, value);
     spectrum_free(&spectrum);
     return result_ok();
 }
 
-blob_value_t pbrt_named_index(const pbrt_t *p, const char *name)
+blob_value_t pbrt_named_index(pbrt_t *p, const char *name)
 {
     spectrum_t spectrum;
     if (!spectrum_named(name, &spectrum)) return blob_constant(0);
     blob_value_t value = blob_colour_value(spectrum_colour(&spectrum, SPECTRUM_INDEX, rules_of(p)));
+    keep_spectrum(p, &spectrum, 1, &value);
     spectrum_free(&spectrum);
     return value;
 }

@@ -17,10 +17,14 @@ typedef enum {
     COLOUR_LIGHT        /* emitted */
 } colour_use_t;
 
-/* A colour, in linear sRGB, that may come from a spectrum texture; no component of a constant is negative. */
+/* A colour, in linear sRGB, that may come from a spectrum texture; no component of a constant is negative. A
+ * constant that the file has as a spectrum has that, too, for spectral jobs. */
 result_t pbrt_colour_value(pbrt_t *p, params_t *params, const char *name, colour_use_t use,
                            blob_value_t *value);
 /* The same of what cannot vary: a texture is an error, unless it is constant. */
+result_t pbrt_constant_colour(pbrt_t *p, params_t *params, const char *name, colour_use_t use,
+                              blob_value_t *value);
+/* Its linear sRGB alone. */
 result_t pbrt_colour(pbrt_t *p, params_t *params, const char *name, colour_use_t use, rgb_t *value);
 
 /* A dielectric's index of refraction from a parameter of type spectrum, its value at the d line, 587.56 nm;
@@ -28,6 +32,6 @@ result_t pbrt_colour(pbrt_t *p, params_t *params, const char *name, colour_use_t
 result_t pbrt_index(pbrt_t *p, params_t *params, const char *name, blob_value_t *value);
 
 /* The index of a metal that is known by name; black when it is not. */
-blob_value_t pbrt_named_index(const pbrt_t *p, const char *name);
+blob_value_t pbrt_named_index(pbrt_t *p, const char *name);
 
 #endif

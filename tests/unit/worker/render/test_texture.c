@@ -451,8 +451,8 @@ static void combinations_follow_their_formulas(void **state)
                    direction = plain(TEXTURE_DIRECTION_MIX, 0), bilerp = plain(TEXTURE_BILERP, MAPPING_UV),
                    channel = plain(TEXTURE_CHANNEL, 0), threshold = plain(TEXTURE_THRESHOLD, 0),
                    colour = plain(TEXTURE_COLOUR, 0);
-    scale.inputs[0] = (blob_value_t){{1, 10, 100}, 1 + uv};
-    mix.inputs[2] = (blob_value_t){{1, 1, 1}, 1 + uv};
+    scale.inputs[0] = (blob_value_t){{1, 10, 100}, 1 + uv, 0};
+    mix.inputs[2] = (blob_value_t){{1, 1, 1}, 1 + uv, 0};
     direction.parameters[2] = -0.25f;
     channel.inputs[0].texture = threshold.inputs[0].texture = 1 + uv;
     channel.channel = CHANNEL_G;
@@ -478,7 +478,7 @@ static void combinations_follow_their_formulas(void **state)
     assert_grey(eval(rig, first + 5, point_uv(0.2499f, 0)), 0, 0);
     assert_rgb(eval(rig, first + 6, at), 0.1f, 0.2f, 0.3f, 0);
     assert_grey(eval(rig, first + 7, at), 0.4f, 0);
-    blob_value_t value = {{2, 2, 2}, 1 + uv};
+    blob_value_t value = {{2, 2, 2}, 1 + uv, 0};
     assert_rgb(textures_value(rig->textures, &value, &at), 0.5f, 1, 0, 0);
     value.texture = 0;
     assert_grey(textures_value(rig->textures, &value, &at), 2, 0);
