@@ -672,7 +672,7 @@ static void a_large_job_is_back_soon(void **state)
     settings.spp = 1024;
     start_master(t);
     uint64_t job = rig_submit(t->rig, &settings);
-    cover_image(t, job, (uint64_t)settings.width * (uint64_t)settings.height * 4);
+    cover_image(t, job, (uint64_t)settings.width * (uint64_t)settings.height * 2);
     uint64_t done = rig_status(t->rig, job).samples_done;
     kill(t->rig->master, SIGTERM); /* its last checkpoint is of everything */
     assert_int_equal(rig_wait_exit(t->rig, t->rig->master, 60), 0);
