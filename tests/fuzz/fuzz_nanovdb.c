@@ -49,7 +49,7 @@ static void change_grid(const uint8_t *data, size_t size)
 {
     uint8_t *asset;
     size_t asset_size;
-    nanovdb_bytes_t grid;
+    nanovdb_bytes_t grid = {0};
     result_t result = file_read(fuzz_path("a.nvdb"), 1 << 20, &asset, &asset_size);
     if (result.code == RESULT_OK) result = nanovdb_find("a.nvdb", asset, asset_size, "density", &grid);
     fuzz_expect(result.code == RESULT_OK && grid.data != NULL, "a.nvdb cannot be read");

@@ -313,9 +313,10 @@ static const float v3_sum = 470.0f / 471.0f;
 double spectrum_emission_scale(const spectrum_t *spectrum, spectrum_rules_t rules)
 {
     spectrum_t d65;
-    double white = d65_xyz(&d65).v[1], own = xyz_of(spectrum, NULL).v[1];
+    triple_t white = d65_xyz(&d65);
     spectrum_free(&d65);
-    double scale = (rules == SPECTRUM_PBRT_V3 ? (double)v3_sum : 1 / own) * white / 100;
+    double part = rules == SPECTRUM_PBRT_V3 ? (double)v3_sum : 1 / xyz_of(spectrum, NULL).v[1];
+    double scale = part * white.v[1] / 100;
     return isfinite(scale) ? scale : 0;
 }
 

@@ -70,8 +70,8 @@ static float part(float a, float b)
 static void tint_surface(blob_material_t *record, const blob_value_t *colour, rgb_t most)
 {
     rgb_t c = colour->factor;
-    record->values[VALUE_ALBEDO] =
-        (blob_value_t){vec3(part(c.x, most.x), part(c.y, most.y), part(c.z, most.z)), colour->texture};
+    record->values[VALUE_ALBEDO] = (blob_value_t){
+        .factor = vec3(part(c.x, most.x), part(c.y, most.y), part(c.z, most.z)), .texture = colour->texture};
     record->flags |= MATERIAL_TINTED_BODY;
 }
 

@@ -51,8 +51,8 @@ static void expect_colour(const blob_medium_t *m, double r, double g, double b, 
     const double colour[3] = {r, g, b};
     for (int i = 0; i < 3; ++i) {
         double albedo = half_space_albedo(colour[i], (double)m->g, eta);
-        expect_near((double)(&m->scattering.x)[i] * path, albedo, 1e-4);
-        expect_near((double)(&m->absorption.x)[i] * path, 1 - albedo, 1e-4);
+        expect_near((double)v_at(m->scattering, i) * path, albedo, 1e-4);
+        expect_near((double)v_at(m->absorption, i) * path, 1 - albedo, 1e-4);
     }
 }
 
