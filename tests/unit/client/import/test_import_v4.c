@@ -91,10 +91,10 @@ static void media_of_unknown_types_are_left_out_on_request(void **state)
     (void)state;
     bench_t bench = {.lenient = true};
     run(&bench, POINT_LIGHT
-        "MakeNamedMedium \"fog\" \"string type\" \"cloud\"\nMediumInterface \"fog\" \"\"\n" SPHERE SPHERE);
+        "MakeNamedMedium \"fog\" \"string type\" \"plasma\"\nMediumInterface \"fog\" \"\"\n" SPHERE SPHERE);
     bench_expect_ok(&bench);
     expect_text(bench.warnings,
-                "s.pbrt:4:1: medium \"fog\": the type \"cloud\" is not supported; the nearest is "
+                "s.pbrt:4:1: medium \"fog\": the type \"plasma\" is not supported; the nearest is "
                 "empty space");
     assert_int_equal(bench.warning_count, 2);
     assert_int_equal(bench.blob.shapes[0].flags, 0);

@@ -19,7 +19,7 @@ static vertex_t random_vertex(sampler_t *sampler, int depth)
 {
     vec2_t a = sampler_2d(sampler), b = sampler_2d(sampler);
     float turn = TWO_PI_F * sampler_1d(sampler);
-    vertex_t vertex = {.kind = VERTEX_SURFACE, .depth = depth};
+    vertex_t vertex = {.kind = VERTEX_SURFACE, .depth = depth, .length = depth};
     vertex.surface.p = vec3(a.x, a.y, b.x);
     float z = 2 * b.y - 1, r = sqrtf(1 - z * z);
     vec3_t n = vec3(r * cosf(turn), r * sinf(turn), z);
