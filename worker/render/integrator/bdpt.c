@@ -325,7 +325,8 @@ static void join_pool(half_t *b, const vertex_t *z)
     }
 }
 
-/* Everything that joins an eye vertex to the lights. */
+/* Everything that joins an eye vertex to the lights. At the end of either of two flights (walk_flight) places
+ * on lights count half; light vertices are left to the one that goes on. */
 static void join_eye_vertex(half_t *b, vertex_t *z)
 {
     rgb_t throughput = z->throughput;
