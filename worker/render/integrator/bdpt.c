@@ -575,10 +575,22 @@ static void take_flight(half_t *b, const walk_t *before)
 {
     walk_t walk;
     vertex_t z;
-    if (lights_empty(b->setup->lights) || !walk_flight(before, b->sample, &walk, &z)) return;
+    if (!walk_flight(before, b->sample, &walk, &z)) return;
     vertex_shade(&z, b->sample, false);
     if (b->eta > 0) walk_weigh_merging(&walk, &z, b->eta);
     join_eye_vertex(b, &z);
+}
+
+/* Takes the eye subpath on to its next vertex, by one flight or two. */
+static void arrive(half_t *b, walk_t *walk, vertex_t *z)
+{
+    if (!walk_may_fly(walk, b->setup)) {
+        walk_arrive(walk, b->sample, z);
+        return;
+    }
+    walk_t before = *walk;
+    walk_arrive(walk, b->sample, z);
+    if (walk->flew) take_flight(b, &before);
 }
 
 static rgb_t bdpt_eye(sample_t *sample)
@@ -592,9 +604,7 @@ static rgb_t bdpt_eye(sample_t *sample)
     vec3_t eye = walk.origin;
     for (;;) {
         vertex_t z;
-        walk_t before = walk;
-        walk_arrive(&walk, sample, &z);
-        if (walk.flew) take_flight(&b, &before);
+        arrive(&b, &walk, &z);
         if (!vertex_is_near(&z, b.setup) || !walk_weigh(&walk, &z)) break;
         hit_lights(&b, &walk, &z);
         bool ends = !vertex_has_room(&z, segments);

@@ -203,6 +203,11 @@ void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex);
  * goes on. The walk has arrived by the first (`flew`); `before` is the walk before that. True when the other
  * one ends at a vertex in a medium, which has no BSDF yet. */
 bool walk_flight(const walk_t *before, sample_t *sample, walk_t *walk, vertex_t *vertex);
+/* Whether there may be two flights from where the walk is. */
+static inline bool walk_may_fly(const walk_t *walk, const setup_t *setup)
+{
+    return setup->media != NULL && !walk->scattered && !lights_empty(setup->lights);
+}
 
 /* p_i of the vertex: per area, of the sky per steradian. *distance2 receives what is squared in g. */
 static inline float walk_density(const walk_t *walk, const vertex_t *vertex, float *distance2)
