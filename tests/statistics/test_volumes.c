@@ -183,12 +183,13 @@ static sums_t sample(const media_t *media, const ray_t *ray, sums_t *went_on)
     sums_t sums = {0};
     *went_on = sums;
     for (uint64_t i = 0; i < SAMPLES; i++) {
-        media_numbers_t numbers = {-1, sampler_mix(3 * i + 1), NULL};
+        media_numbers_t numbers = {.first = -1, .key = sampler_mix(3 * i + 1)};
         add(&sums, LEFT, media_transmittance(media, 1, from, direction, distance, &numbers), 1);
-        numbers = (media_numbers_t){((float)i + 0.5f) / SAMPLES, sampler_mix(3 * i + 2), NULL};
+        numbers = (media_numbers_t){.first = ((float)i + 0.5f) / SAMPLES, .key = sampler_mix(3 * i + 2)};
         if (media_emits(media, 1))
             add(&sums, EMITTED, media_emission(media, 1, from, direction, distance, &numbers), 1);
-        numbers = (media_numbers_t){((float)i + 0.5f) / SAMPLES, sampler_mix(3 * i + 3), NULL};
+        numbers = (media_numbers_t){
+            .first = ((float)i + 0.5f) / SAMPLES, .exact = i % 2 == 0, .key = sampler_mix(3 * i + 3)};
         rgb_t throughput = {1, 1, 1};
         float at = 0;
         if (media_scatter(media, 1, from, direction, distance, &numbers, &throughput, &at)) {

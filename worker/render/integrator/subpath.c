@@ -25,14 +25,14 @@ static bool look_on(const walk_t *walk, sample_t *sample, vec3_t from, vertex_t 
 static media_numbers_t distance_numbers(const walk_t *walk, const sample_t *sample)
 {
     uint32_t dimension = walk->dimension;
+    bool light = walk->mode == TRANSPORT_IMPORTANCE;
     sampler_t side = sample_side_stream(sample, dimension);
     uint64_t key = side.sample_key + 0xD6E8FEB86659FD93u * (dimension + 1);
-    if (walk->mode == TRANSPORT_IMPORTANCE)
-        return (media_numbers_t){sample_2d(sample, dimension + DIMENSION_LIGHT_DISTANCE).y, key,
-                                 sample->waves};
-    float u = sample_2d(sample, dimension + DIMENSION_DISTANCE).y;
-    return walk->other ? (media_numbers_t){wrap(u + 0.5f), ~key, sample->waves}
-                       : (media_numbers_t){u, key, sample->waves};
+    float u = sample_2d(sample, dimension + (light ? DIMENSION_LIGHT_DISTANCE : DIMENSION_DISTANCE)).y;
+    return (media_numbers_t){.first = walk->other ? wrap(u + 0.5f) : u,
+                             .exact = !light && !walk->scattered,
+                             .key = walk->other ? ~key : key,
+                             .waves = sample->waves};
 }
 
 /* Follows the walk through a piece of a medium, `distance` long. True when it is scattered there: the vertex

@@ -11,7 +11,7 @@ static media_numbers_t numbers_between(const sample_t *sample, vec3_t from, vec3
     memcpy(words + 3, &to, sizeof to);
     uint64_t key = sample->numbers.sample_key;
     for (int i = 0; i < 6; i++) key = sampler_mix(key + words[i] + 0x9E3779B97F4A7C15u);
-    return (media_numbers_t){-1, key, sample->waves};
+    return (media_numbers_t){.first = -1, .key = key, .waves = sample->waves};
 }
 
 /* The same through the borders of media, which are all that is in the way. */

@@ -397,7 +397,7 @@ bool media_scatter(const media_t *media, blob_ref_t medium, vec3_t from, vec3_t 
 {
     matter_t there;
     const matter_t *m = matter_of(media, medium, numbers, &there);
-    if (m->density != NULL && !density_is_small(m->density))
+    if (m->density != NULL && !(numbers->exact && density_is_small(m->density)))
         return scatter_in_grid(m, from, direction, distance, numbers, throughput, at);
     return scatter_by_number(m, from, direction, distance, next_number(numbers), throughput, at);
 }

@@ -34,6 +34,7 @@ typedef struct {
  * wavelengths of its channels. */
 typedef struct {
     float first; /* below 0: used up */
+    bool exact;  /* so well that it is worth an exact integral over a small grid */
     uint64_t key;
     const waves_t *waves; /* NULL: red, green and blue */
 } media_numbers_t;
