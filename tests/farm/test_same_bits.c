@@ -165,6 +165,42 @@ static void losing_workers_makes_no_difference(void **state)
     rig_destroy(&rig);
 }
 
+/* Media, in colours or in wavelengths, while a worker dies, another one stops and the master is killed. */
+static void media_survive(bool spectral)
+{
+    const char *scene = "tests/farm/media.pbrt";
+    hash_t reference = render_waves("bdpt", scene, SPP, spectral, "--threads", "2");
+    rig_t *rig = rig_new();
+    rig_start_master(rig, 0.2);
+    pid_t workers[3];
+    for (int i = 0; i < 3; i++) workers[i] = rig_start_worker(rig);
+    rig_wait_workers(rig, 3);
+    char *address = mem_printf("127.0.0.1:%d", rig->port), *spp = mem_printf("%d", SPP);
+    assert_int_equal(rig_run(rig, ARGUMENTS("submit", scene, "--master", address, "--spp", spp,
+                                            spectral ? "--spectral" : NULL)),
+                     0);
+    rig_wait_samples(rig, 1, 64 * 64 * SPP / 4);
+    kill(workers[0], SIGKILL);
+    rig_wait_samples(rig, 1, 64 * 64 * SPP / 2);
+    kill(workers[1], SIGSTOP);
+    assert_int_not_equal(rig_status(rig, 1).state, JOB_DONE);
+    rig_kill_master(rig);
+    rig_restart_master(rig, 0.2);
+    assert_int_equal(rig_wait_job(rig, 1).state, JOB_DONE);
+    hash_t hash = rig_image_hash(rig, 1);
+    assert_true(hash_equal(&hash, &reference));
+    free(address);
+    free(spp);
+    rig_destroy(&rig);
+}
+
+static void accidents_make_no_difference_to_media(void **state)
+{
+    (void)state;
+    media_survive(false);
+    media_survive(true);
+}
+
 /* A job that goes by rounds, in which one worker dies, another stops, and the master is killed; the same job
  * on this machine. */
 static void rounds_make_no_difference(void **state)
@@ -217,6 +253,7 @@ int main(void)
         cmocka_unit_test(layers_can_be_left_out),
         cmocka_unit_test(another_seed_gives_another_image),
         cmocka_unit_test(losing_workers_makes_no_difference),
+        cmocka_unit_test(accidents_make_no_difference_to_media),
         cmocka_unit_test(rounds_make_no_difference),
     };
     return cmocka_run_group_tests_name("same bits", tests, NULL, NULL);
