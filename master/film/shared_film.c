@@ -401,12 +401,83 @@ bool adder_add_marked(adder_t *adder, sum_kind_t kind, size_t first, uint64_t ma
     return true;
 }
 
+/* Values of pixels that lie apart: `lanes` of each, every `stride`. */
+typedef struct {
+    size_t stride, lanes;
+    const int64_t *values; /* [count * lanes] */
+    size_t count;
+} strided_t;
+
+static void add_strided_exact(int64_t *restrict sum, const strided_t *s, bool negative)
+{
+    const int64_t *v = s->values;
+    for (size_t i = 0; i < s->count; i++, sum += s->stride, v += s->lanes)
+        for (size_t k = 0; k < s->lanes; k++) sum[k] = negative ? minus(sum[k], v[k]) : plus(sum[k], v[k]);
+}
+
+static bool add_strided_strict(int64_t *restrict sum, const strided_t *s)
+{
+    uint64_t bad = 0;
+    bool outside = false;
+    const int64_t *v = s->values;
+    for (size_t i = 0; i < s->count * s->lanes; i++) outside |= out_of_range(v[i]);
+    if (outside) return false;
+    int64_t *pixel = sum;
+    for (size_t i = 0; i < s->count; i++, pixel += s->stride, v += s->lanes)
+        for (size_t k = 0; k < s->lanes; k++) {
+            pixel[k] = plus(pixel[k], v[k]);
+            bad |= range_bit(pixel[k]);
+        }
+    if (bad >> 63 == 0) return true;
+    add_strided_exact(sum, s, true);
+    return false;
+}
+
+static uint64_t add_strided_tolerant(int64_t *sum, const strided_t *s)
+{
+    uint64_t overflows = 0;
+    for (size_t i = 0; i < s->count; i++)
+        overflows += film_add_sums(sum + i * s->stride, s->values + i * s->lanes, s->lanes);
+    return overflows;
+}
+
+static bool step_strided(adder_t *adder, int64_t *sum, const strided_t *s)
+{
+    if (adder->steps == adder->limit) return false;
+    switch (adder->mode) {
+    case ADD_STRICT:
+        return stepped(adder, add_strided_strict(sum, s));
+    case ADD_TOLERANT:
+        adder->overflows += add_strided_tolerant(sum, s);
+        break;
+    case ADD_EXACT:
+        add_strided_exact(sum, s, adder->negative);
+        break;
+    case ADD_NOTHING:
+        break;
+    }
+    return stepped(adder, true);
+}
+
 bool adder_add_strided(adder_t *adder, sum_kind_t kind, size_t first, size_t stride, size_t lanes,
                        const int64_t *values, size_t count)
 {
     if (stride == lanes) return add_values(adder, kind, first, values, count * lanes, true);
-    for (size_t i = 0; i < count; i++)
-        if (!add_values(adder, kind, first + i * stride, values + i * lanes, lanes, true)) return false;
+    if (adder->mode == ADD_NOTHING) return true;
+    while (count > 0) {
+        size_t room;
+        int64_t *sum = reach(adder, kind, first * sizeof *values, &room);
+        room /= sizeof *values;
+        size_t fit = room >= lanes ? (room - lanes) / stride + 1 : 0, part = fit < count ? fit : count;
+        strided_t s = {stride, lanes, values, part};
+        if (part > 0 && !step_strided(adder, sum, &s)) return false;
+        if (part == 0 && !add_values(adder, kind, first, values, lanes, true))
+            return false; /* of two pages */
+        part = part > 0 ? part : 1;
+        first += part * stride;
+        values += part * lanes;
+        count -= part;
+    }
     return true;
 }
 

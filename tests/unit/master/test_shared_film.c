@@ -466,18 +466,21 @@ static void limits_grow_with_samples(void **state)
     batch_free(&batch);
 }
 
-static void overflows_within_limits_leave_no_trace(void **state)
+/* A batch with this value comes so often that one more time is too much. */
+static void overflow(sum_kind_t kind, size_t at, int64_t value, int times)
 {
-    (void)state;
     job_settings_t settings = job_of_pages();
     batch_t batch = batch_of(&settings, 0, 0, 3);
     shared_film_t *shared_film = shared_film_of(&settings);
     zmq_msg_t payload[BATCH_PAYLOADS], damaged[BATCH_PAYLOADS];
     sum_limits_t limits = limits_of(62);
-    batch.sums[SUM_SPLAT].values[100000] = INT64_C(1) << 61;
+    batch.sums[kind].values[at] = value;
     film_t *film = film_of(&batch, 1);
     assert_int_equal(payload_encode(&batch, true, payload).code, RESULT_OK);
-    assert_int_equal(merge_within(shared_film, payload, &batch, &limits).code, RESULT_OK);
+    for (int i = 0; i < times; i++) {
+        if (i > 0) merge_plainly(film, &batch);
+        assert_int_equal(merge_within(shared_film, payload, &batch, &limits).code, RESULT_OK);
+    }
     assert_int_equal(merge_within(shared_film, payload, &batch, &limits).code, RESULT_CANCELLED);
     assert_shared_film_is(shared_film, film);
     memcpy(damaged, payload, sizeof damaged);
@@ -489,6 +492,14 @@ static void overflows_within_limits_leave_no_trace(void **state)
     film_destroy(&film);
     shared_film_destroy(&shared_film);
     batch_free(&batch);
+}
+
+/* Values of a splat image lie side by side, those of layers apart. */
+static void overflows_within_limits_leave_no_trace(void **state)
+{
+    (void)state;
+    overflow(SUM_SPLAT, 100000, INT64_C(1) << 61, 1);
+    overflow(SUM_FEATURES, 100 * FEATURE_VALUES + 4, (INT64_C(3) << 57) - 1, 10);
 }
 
 static void overflows_count_only_when_all_is_well(void **state)
