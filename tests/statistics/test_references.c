@@ -57,11 +57,9 @@ typedef struct {
  */
 static const case_t cases[] = {
     {"seed-diffuse", "scene.pbrt", INTEGRATOR_BDPT, 128},
-    {"seed-diffuse", "scene.pbrt", INTEGRATOR_PATH, 256},
     {"seed-diffuse", "scene-v4.pbrt", INTEGRATOR_BDPT, 64},
     {"seed-diffuse", "seed-diffuse.glb", INTEGRATOR_BDPT, 64},
     {"seed-specular", "scene.pbrt", INTEGRATOR_BDPT, 128},
-    {"seed-specular", "scene-v4.pbrt", INTEGRATOR_BDPT, 64},
     {"seed-specular", "seed-specular.glb", INTEGRATOR_BDPT, 64},
     {"seed-hidden", "scene.pbrt", INTEGRATOR_BDPT, 128},
     {"seed-hidden", "scene-v4.pbrt", INTEGRATOR_BDPT, 64},
@@ -77,14 +75,16 @@ static const case_t cases[] = {
     {"lens", "scene.pbrt", INTEGRATOR_BDPT, 256},
     {"fog", "scene.pbrt", INTEGRATOR_BDPT, 64},
     {"smoke", "scene.pbrt", INTEGRATOR_BDPT, 32},
-    {"smoke", "scene.pbrt", INTEGRATOR_PATH, 32},
     {"milk", "scene.pbrt", INTEGRATOR_BDPT, 64},
     {"fog-caustic", "scene.pbrt", INTEGRATOR_BDPT, 64},
 };
 
-/* Those that are only rendered where they are asked for: test_integrators says much the same, and
- * test_import_pbrt that two of the twins are the same scenes. */
+/* Those that are only rendered where they are asked for: test_integrators and test_media say much the same,
+ * and test_import_pbrt that two of the twins are the same scenes. */
 static const case_t more_cases[] = {
+    {"smoke", "scene.pbrt", INTEGRATOR_PATH, 32},
+    {"seed-specular", "scene-v4.pbrt", INTEGRATOR_BDPT, 64},
+    {"seed-diffuse", "scene.pbrt", INTEGRATOR_PATH, 256},
     {"seed-diffuse", "scene.pbrt", INTEGRATOR_LIGHT, 256},
     {"seed-specular", "scene.pbrt", INTEGRATOR_PATH, 512},
     {"cornell", "scene-v4.pbrt", INTEGRATOR_BDPT, 64},
