@@ -470,10 +470,12 @@ bool adder_add_strided(adder_t *adder, sum_kind_t kind, size_t first, size_t str
         room /= sizeof *values;
         size_t fit = room >= lanes ? (room - lanes) / stride + 1 : 0, part = fit < count ? fit : count;
         strided_t s = {stride, lanes, values, part};
-        if (part > 0 && !step_strided(adder, sum, &s)) return false;
-        if (part == 0 && !add_values(adder, kind, first, values, lanes, true))
-            return false; /* of two pages */
-        part = part > 0 ? part : 1;
+        if (part > 0) {
+            if (!step_strided(adder, sum, &s)) return false;
+        } else { /* a pixel of two pages */
+            if (!add_values(adder, kind, first, values, lanes, true)) return false;
+            part = 1;
+        }
         first += part * stride;
         values += part * lanes;
         count -= part;
