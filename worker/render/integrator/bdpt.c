@@ -581,30 +581,18 @@ static void take_flight(half_t *b, const walk_t *before)
     join_eye_vertex(b, &z);
 }
 
-/* Takes the eye subpath on to its next vertex, by one flight or two. */
-static void arrive(half_t *b, walk_t *walk, vertex_t *z)
-{
-    if (!walk_may_fly(walk, b->setup)) {
-        walk_arrive(walk, b->sample, z);
-        return;
-    }
-    walk_t before = *walk;
-    walk_arrive(walk, b->sample, z);
-    if (walk->flew) take_flight(b, &before);
-}
-
 static rgb_t bdpt_eye(sample_t *sample)
 {
     half_t b;
     begin(&b, sample);
     uint64_t rays = sample->result->counts.rays;
     int segments = setup_max_segments(b.setup);
-    walk_t walk = walk_from_camera(sample, roulette);
+    walk_t walk = walk_from_camera(sample, roulette), before = {0};
     if (sample->eye_weight == 0 && !walk.joinable) return b.radiance;
     vec3_t eye = walk.origin;
     for (;;) {
         vertex_t z;
-        arrive(&b, &walk, &z);
+        if (walk_fly(&walk, sample, &z, &before)) take_flight(&b, &before);
         if (!vertex_is_near(&z, b.setup) || !walk_weigh(&walk, &z)) break;
         hit_lights(&b, &walk, &z);
         bool ends = !vertex_has_room(&z, segments);

@@ -81,18 +81,6 @@ static void add_flight(sample_t *sample, const walk_t *before, rgb_t *radiance)
     add_next_event(sample, &walk, &z, radiance);
 }
 
-/* Takes the walk on to its next vertex, by one flight or two. */
-static void arrive(sample_t *sample, walk_t *walk, vertex_t *z, rgb_t *radiance)
-{
-    if (!walk_may_fly(walk, sample->setup)) {
-        walk_arrive(walk, sample, z);
-        return;
-    }
-    walk_t before = *walk;
-    walk_arrive(walk, sample, z);
-    if (walk->flew) add_flight(sample, &before, radiance);
-}
-
 /* What the walk from the camera brings from the lights. */
 static rgb_t gather(sample_t *sample, walk_t *walk)
 {
@@ -100,9 +88,10 @@ static rgb_t gather(sample_t *sample, walk_t *walk)
     int segments = setup_max_segments(setup);
     rgb_t radiance = vec3(0, 0, 0);
     vec3_t eye = walk->origin;
+    walk_t before = {0};
     for (;;) {
         vertex_t z;
-        arrive(sample, walk, &z, &radiance);
+        if (walk_fly(walk, sample, &z, &before)) add_flight(sample, &before, &radiance);
         if (!vertex_is_near(&z, setup)) return radiance;
         if (vertex_light_count(&z, setup->lights) > 0)
             radiance = v_add(radiance, v_mul(z.throughput, emitted(sample, walk, &z)));

@@ -203,10 +203,14 @@ void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex);
  * goes on. The walk has arrived by the first (`flew`); `before` is the walk before that. True when the other
  * one ends at a vertex in a medium, which has no BSDF yet. */
 bool walk_flight(const walk_t *before, sample_t *sample, walk_t *walk, vertex_t *vertex);
-/* Whether there may be two flights from where the walk is. */
-static inline bool walk_may_fly(const walk_t *walk, const setup_t *setup)
+/* As walk_arrive; true when there may be another flight, then from *before. */
+static inline bool walk_fly(walk_t *walk, sample_t *sample, vertex_t *vertex, walk_t *before)
 {
-    return setup->media != NULL && !walk->scattered && !lights_empty(setup->lights);
+    const setup_t *setup = sample->setup;
+    bool may = setup->media != NULL && !walk->scattered && !lights_empty(setup->lights);
+    if (may) *before = *walk;
+    walk_arrive(walk, sample, vertex);
+    return may && walk->flew;
 }
 
 /* p_i of the vertex: per area, of the sky per steradian. *distance2 receives what is squared in g. */
