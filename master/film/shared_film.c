@@ -256,28 +256,46 @@ static bool out_of_range(int64_t value)
     return value >= INT64_C(1) << 62 || value <= -(INT64_C(1) << 62);
 }
 
-static void add_exact(int64_t *restrict sum, const int64_t *restrict values, size_t count, bool negative)
+/* Values for pixels that lie apart: `lanes` of each, every `stride`. */
+typedef struct {
+    size_t stride, lanes;
+    const int64_t *values; /* [count * lanes] */
+    size_t count;
+    bool large; /* as of adder_add_marked */
+} addend_t;
+
+static void add_exact(int64_t *restrict sum, const addend_t *more, bool negative)
 {
-    if (negative)
-        for (size_t i = 0; i < count; i++) sum[i] = minus(sum[i], values[i]);
-    else
-        for (size_t i = 0; i < count; i++) sum[i] = plus(sum[i], values[i]);
+    const int64_t *restrict v = more->values;
+    for (size_t i = 0; i < more->count; i++, sum += more->stride, v += more->lanes)
+        for (size_t k = 0; k < more->lanes; k++) sum[k] = negative ? minus(sum[k], v[k]) : plus(sum[k], v[k]);
 }
 
 /* All or nothing. */
-static bool add_strict(int64_t *restrict sum, const int64_t *restrict values, size_t count, bool large)
+static bool add_strict(int64_t *restrict sum, const addend_t *more)
 {
     uint64_t bad = 0;
     bool outside = false;
-    for (size_t i = 0; large && i < count; i++) outside |= out_of_range(values[i]);
+    const int64_t *restrict v = more->values;
+    int64_t *pixel = sum;
+    for (size_t i = 0; more->large && i < more->count * more->lanes; i++) outside |= out_of_range(v[i]);
     if (outside) return false;
-    for (size_t i = 0; i < count; i++) {
-        sum[i] = plus(sum[i], values[i]);
-        bad |= range_bit(sum[i]);
-    }
+    for (size_t i = 0; i < more->count; i++, pixel += more->stride, v += more->lanes)
+        for (size_t k = 0; k < more->lanes; k++) {
+            pixel[k] = plus(pixel[k], v[k]);
+            bad |= range_bit(pixel[k]);
+        }
     if (bad >> 63 == 0) return true;
-    add_exact(sum, values, count, true);
+    add_exact(sum, more, true);
     return false;
+}
+
+static uint64_t add_tolerant(int64_t *sum, const addend_t *more)
+{
+    uint64_t overflows = 0;
+    for (size_t i = 0; i < more->count; i++)
+        overflows += film_add_sums(sum + i * more->stride, more->values + i * more->lanes, more->lanes);
+    return overflows;
 }
 
 /* Accounts for a step that was tried. */
@@ -290,17 +308,17 @@ static bool stepped(adder_t *adder, bool good)
     return good;
 }
 
-static bool step(adder_t *adder, int64_t *sum, const int64_t *values, size_t count, bool large)
+static bool step(adder_t *adder, int64_t *sum, const addend_t *more)
 {
     if (adder->steps == adder->limit) return false;
     switch (adder->mode) {
     case ADD_STRICT:
-        return stepped(adder, add_strict(sum, values, count, large));
+        return stepped(adder, add_strict(sum, more));
     case ADD_TOLERANT:
-        adder->overflows += film_add_sums(sum, values, count);
+        adder->overflows += add_tolerant(sum, more);
         break;
     case ADD_EXACT:
-        add_exact(sum, values, count, adder->negative);
+        add_exact(sum, more, adder->negative);
         break;
     case ADD_NOTHING:
         break;
@@ -316,7 +334,8 @@ static bool add_values(adder_t *adder, sum_kind_t kind, size_t first, const int6
         size_t room;
         int64_t *sum = reach(adder, kind, first * sizeof *values, &room);
         size_t part = room / sizeof *values < count ? room / sizeof *values : count;
-        if (!step(adder, sum, values, part, large)) return false;
+        addend_t more = {part, part, values, 1, large};
+        if (!step(adder, sum, &more)) return false;
         first += part;
         values += part;
         count -= part;
@@ -401,64 +420,6 @@ bool adder_add_marked(adder_t *adder, sum_kind_t kind, size_t first, uint64_t ma
     return true;
 }
 
-/* Values of pixels that lie apart: `lanes` of each, every `stride`. */
-typedef struct {
-    size_t stride, lanes;
-    const int64_t *values; /* [count * lanes] */
-    size_t count;
-} strided_t;
-
-static void add_strided_exact(int64_t *restrict sum, const strided_t *s, bool negative)
-{
-    const int64_t *v = s->values;
-    for (size_t i = 0; i < s->count; i++, sum += s->stride, v += s->lanes)
-        for (size_t k = 0; k < s->lanes; k++) sum[k] = negative ? minus(sum[k], v[k]) : plus(sum[k], v[k]);
-}
-
-static bool add_strided_strict(int64_t *restrict sum, const strided_t *s)
-{
-    uint64_t bad = 0;
-    bool outside = false;
-    const int64_t *v = s->values;
-    for (size_t i = 0; i < s->count * s->lanes; i++) outside |= out_of_range(v[i]);
-    if (outside) return false;
-    int64_t *pixel = sum;
-    for (size_t i = 0; i < s->count; i++, pixel += s->stride, v += s->lanes)
-        for (size_t k = 0; k < s->lanes; k++) {
-            pixel[k] = plus(pixel[k], v[k]);
-            bad |= range_bit(pixel[k]);
-        }
-    if (bad >> 63 == 0) return true;
-    add_strided_exact(sum, s, true);
-    return false;
-}
-
-static uint64_t add_strided_tolerant(int64_t *sum, const strided_t *s)
-{
-    uint64_t overflows = 0;
-    for (size_t i = 0; i < s->count; i++)
-        overflows += film_add_sums(sum + i * s->stride, s->values + i * s->lanes, s->lanes);
-    return overflows;
-}
-
-static bool step_strided(adder_t *adder, int64_t *sum, const strided_t *s)
-{
-    if (adder->steps == adder->limit) return false;
-    switch (adder->mode) {
-    case ADD_STRICT:
-        return stepped(adder, add_strided_strict(sum, s));
-    case ADD_TOLERANT:
-        adder->overflows += add_strided_tolerant(sum, s);
-        break;
-    case ADD_EXACT:
-        add_strided_exact(sum, s, adder->negative);
-        break;
-    case ADD_NOTHING:
-        break;
-    }
-    return stepped(adder, true);
-}
-
 bool adder_add_strided(adder_t *adder, sum_kind_t kind, size_t first, size_t stride, size_t lanes,
                        const int64_t *values, size_t count)
 {
@@ -469,9 +430,9 @@ bool adder_add_strided(adder_t *adder, sum_kind_t kind, size_t first, size_t str
         int64_t *sum = reach(adder, kind, first * sizeof *values, &room);
         room /= sizeof *values;
         size_t fit = room >= lanes ? (room - lanes) / stride + 1 : 0, part = fit < count ? fit : count;
-        strided_t s = {stride, lanes, values, part};
+        addend_t more = {stride, lanes, values, part, true};
         if (part > 0) {
-            if (!step_strided(adder, sum, &s)) return false;
+            if (!step(adder, sum, &more)) return false;
         } else { /* a pixel of two pages */
             if (!add_values(adder, kind, first, values, lanes, true)) return false;
             part = 1;
