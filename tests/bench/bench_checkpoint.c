@@ -138,6 +138,7 @@ int main(int argc, char **argv)
     job_settings_t settings = job_settings_default();
     settings.width = 1920;
     settings.height = 1080;
+    settings.learn = false; /* all units may come at once */
     if (argc > 1 && sscanf(argv[1], "%dx%d", &settings.width, &settings.height) != 2) {
         fprintf(stderr, "usage: bench_checkpoint [WIDTHxHEIGHT]\n");
         return 1;
@@ -156,7 +157,7 @@ int main(int argc, char **argv)
     }
     schedule_t *schedule = schedule_new(&settings);
     for (uint32_t t = 0; t < job_tile_count(&settings); t++) {
-        unit_t unit = {t, 0, 8};
+        unit_t unit = {t, 0, 1};
         if (schedule_accept(schedule, &unit, 1).code != RESULT_OK) return 1;
     }
     shared_film_t *shared_film = shared_film_new(film);
