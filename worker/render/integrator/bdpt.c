@@ -34,6 +34,11 @@ static const roulette_t no_roulette = {.from = JOB_MAX_DEPTH + 2, .most = 1};
 
 /* Connections that bring less than this part of a sample's noise are left to Russian roulette. */
 static const float FAINT = 0.2f;
+/* The same of those that have become so on their way through a grid, which takes more time than a shadow ray.
+ */
+static const float FAINT_IN_MEDIA = 0.4f;
+/* A vertex in a grid is joined to the pool as often as that: few of its connections are not faint. */
+static const float POOLED_IN_GRIDS = 0.5f;
 
 /* What is noted of choices must fit beside what else a sample notes (lessons.h). */
 static_assert((JOB_MAX_DEPTH + 1) * LIGHT_CHOICES_MOST < LESSON_PARTS_MOST, "lessons overflow");
@@ -156,6 +161,18 @@ static bool survives(const half_t *b, float brightness, uint32_t dimension, uint
     return true;
 }
 
+/* Adds a connection of value > 0, and returns its place. `brightness` is as in `survives`: on its way through
+ * a medium the connection becomes faint, too. */
+static int connect(half_t *b, float brightness, vec3_t from, vec3_t to, medium_t medium, float length,
+                   rgb_t value)
+{
+    int n = connections_add(&b->connections, b->setup, from, to, medium, length, value);
+    if (b->setup->media == NULL) return n;
+    float left = brightness > 0 ? FAINT_IN_MEDIA * b->setup->noise / (v_max(value) * brightness) : 0;
+    b->connections.faint[n] = float_clamp(left, FAINT_LEFT, 1);
+    return n;
+}
+
 /* t = 1: joins a light vertex to the camera. */
 static void join_camera(half_t *b, const vertex_t *y)
 {
@@ -178,8 +195,7 @@ static void join_camera(half_t *b, const vertex_t *y)
     float brightness = setup_brightness(b->setup, view.raster.x, view.raster.y);
     if (!survives(b, brightness, y->dimension + DIMENSION_LIGHT_SURVIVE, 0, &value)) return;
     medium.number = b->setup->medium; /* where the connection begins */
-    int n = connections_add(&b->connections, b->setup, view.position, vertex_exit(y, view.w), medium, length,
-                            value);
+    int n = connect(b, brightness, view.position, vertex_exit(y, view.w), medium, length, value);
     b->lights[n] = b->path.source;
     b->rasters[n] = view.raster;
     b->dimensions[n] = y->dimension;
@@ -259,8 +275,7 @@ static void join_light(half_t *b, const vertex_t *z, uint32_t k)
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), light.radiance);
     if (v_is_zero(value)) return;
     if (!survives(b, b->brightness, z->dimension + DIMENSION_SURVIVE, k, &value)) return;
-    int n = connections_add(&b->connections, b->setup, vertex_exit(z, light.w), light.target, medium, length,
-                            value);
+    int n = connect(b, b->brightness, vertex_exit(z, light.w), light.target, medium, length, value);
     b->lights[n] = light.light;
     b->paths[n] = NULL;
 }
@@ -285,14 +300,13 @@ static void join_vertices(half_t *b, const vertex_t *z, const light_choice_t *ch
     r_eye *= medium_fade(b->setup, medium.number, distance);
     float light_share = mis_share_counted(y, r_light, fy.pdf_rev, strategy_count(y, choice->path->last));
     float eye_share = mis_share_counted(z, r_eye, fz.pdf_rev, strategy_count(z, splat_worth));
-    float worth = is_inner(b->setup, medium.number, arrival) ? body_worth : inner_worth;
+    float worth = segment_worth(b->setup, medium.number, arrival);
     float weight = weight_of(b, (light_share + eye_share) / square(worth)) * choice->factor;
     float factor = vertex_cosine(z, w) * vertex_cosine(y, w) * vertex_adjoint(y, back) / distance2 * weight;
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), v_mul(y->throughput, fy.f));
     if (v_is_zero(value)) return;
     if (!survives(b, b->brightness, z->dimension + DIMENSION_SURVIVE, LIGHTS_FIRST_MOST + k, &value)) return;
-    int n = connections_add(&b->connections, b->setup, vertex_exit(z, w), vertex_exit(y, back), medium,
-                            distance, value);
+    int n = connect(b, b->brightness, vertex_exit(z, w), vertex_exit(y, back), medium, distance, value);
     b->lights[n] = choice->path->source;
     b->paths[n] = choice->path;
     b->dimensions[n] = z->dimension + DIMENSION_SURVIVE;
@@ -318,8 +332,15 @@ static void join_pool(half_t *b, const vertex_t *z)
     if (wish.most < !bodies) return;
     if (b->brightness > 0)
         wish.worth = v_max(v_mul(z->throughput, bsdf_albedo(&z->bsdf))) * b->brightness / b->setup->noise;
+    float times = 1;
+    if (z->kind == VERTEX_MEDIUM && media_is_grid(b->setup->media, z->media[0])) {
+        if (!(wish.u < POOLED_IN_GRIDS)) return;
+        wish.u /= POOLED_IN_GRIDS;
+        times = 1 / POOLED_IN_GRIDS;
+    }
     int count = light_pool_choose(b->sample->pool, z, &wish, choices);
     for (int k = 0; k < count; k++) {
+        choices[k].factor *= times;
         if (b->connections.segments.count == SCENE_PACKET) take_connections(b);
         if (is_wanted(b, choices[k].vertex->depth + 1, t)) join_vertices(b, z, &choices[k], (uint32_t)k);
     }

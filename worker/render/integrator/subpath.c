@@ -78,8 +78,8 @@ static void pass_media(walk_t *walk, sample_t *sample, bool hit, vertex_t *verte
     walk->flew = walk->flew && vertex->first && walk->mode == TRANSPORT_RADIANCE;
     vertex->twice = walk->flew && vertex->kind == VERTEX_MEDIUM;
     vertex->media[0] = vertex->media[1] = walk->medium.number;
+    vertex->worth = segment_worth(sample->setup, start, walk->medium.number);
     if (is_inner(sample->setup, start, walk->medium.number)) {
-        vertex->came_within = true;
         walk->length--;
         walk->within++;
     }
@@ -100,7 +100,8 @@ void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
     vertex->kind = hit ? VERTEX_SURFACE : VERTEX_SKY;
     vertex->mode = walk->mode;
     vertex->depth = ++walk->depth;
-    vertex->came_within = vertex->bounds = vertex->twice = false;
+    vertex->bounds = vertex->twice = false;
+    vertex->worth = inner_worth;
     vertex->other = walk->other;
     walk->length++;
     vertex->first = !walk->scattered;

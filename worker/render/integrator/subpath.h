@@ -129,12 +129,15 @@ static inline float first_light_count(const setup_t *setup, uint32_t light, bool
 static const float inner_worth = 16;
 /* Those within a body are not: many vertices lie side by side, and few of them are joined (vertex_joins). */
 static const float body_worth = 0.25f;
+/* Those that begin or end in a grid are, as far as light gets through it, which neither the choice nor
+ * weights know. */
+static const float grid_worth = 1;
 
 /* How many the strategy that joins the vertex to the one before it counts as: `last` where that is vertex 0,
  * which makes it t = 1 of an eye subpath, s = 1 of a light subpath. */
 static inline float strategy_count(const vertex_t *vertex, float last)
 {
-    return vertex->depth == 1 ? last : vertex->came_within ? body_worth : inner_worth;
+    return vertex->depth == 1 ? last : vertex->worth;
 }
 
 /* The eye subpath of the sample. Settles the sample's weight: where that is 0 nothing is to be seen. */
@@ -263,6 +266,13 @@ enum { WITHIN_MOST = 1 << 14 };
 static inline bool is_inner(const setup_t *setup, blob_ref_t a, blob_ref_t b)
 {
     return media_is_body(setup->media, a) && media_is_body(setup->media, b);
+}
+
+/* How many the strategy that joins two inner vertices by a segment counts as, from the media at its ends. */
+static inline float segment_worth(const setup_t *setup, blob_ref_t a, blob_ref_t b)
+{
+    if (is_inner(setup, a, b)) return body_worth;
+    return media_is_grid(setup->media, a) || media_is_grid(setup->media, b) ? grid_worth : inner_worth;
 }
 
 /* False when the subpath has become longer than a path may be. */

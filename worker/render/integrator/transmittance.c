@@ -25,8 +25,9 @@ static rgb_t pass_borders(sample_t *sample, vec3_t from, vec3_t w, blob_ref_t nu
     for (int i = 0; i < MOST_BORDERS; i++) {
         surface_t surface;
         sample->result->counts.rays++;
-        bool hit = scene_find_border(setup->scene, from, w, sample->time, &surface);
-        float rest = length - gone, distance = hit ? v_length(v_sub(surface.p, from)) : INFINITY;
+        float rest = length - gone;
+        bool hit = scene_find_border(setup->scene, from, w, rest, sample->time, &surface);
+        float distance = hit ? v_length(v_sub(surface.p, from)) : INFINITY;
         bool last = !(distance < rest) || !surface_is_interface(&surface);
         if (number != 0)
             left = v_mul(left,
@@ -39,13 +40,15 @@ static rgb_t pass_borders(sample_t *sample, vec3_t from, vec3_t w, blob_ref_t nu
     return vec3(0, 0, 0);
 }
 
-rgb_t media_between(sample_t *sample, vec3_t from, vec3_t to, const medium_t *medium, float length)
+rgb_t media_between(sample_t *sample, vec3_t from, vec3_t to, const medium_t *medium, float length,
+                    float faint)
 {
     const setup_t *setup = sample->setup;
     rgb_t left = {1, 1, 1};
     if (!v_is_zero(medium->attenuation)) left = medium_transmittance(medium, length);
     if (setup->media == NULL) return left;
     media_numbers_t numbers = numbers_between(sample, from, to);
+    numbers.faint = faint;
     vec3_t w = v_normalize(v_sub(to, from));
     if (scene_has_borders(setup->scene))
         return v_mul(left, pass_borders(sample, from, w, medium->number, length, &numbers));

@@ -8,6 +8,9 @@
 #include "worker/render/integrator/integrator.h"
 #include "worker/render/scene/scene.h"
 
+/* The least that `faint` is below. */
+static const float FAINT_LEFT = 0.1f;
+
 static inline bool medium_absorbs(const medium_t *medium)
 {
     return medium->number != 0 || !v_is_zero(medium->attenuation);
@@ -27,8 +30,10 @@ static inline blob_ref_t medium_behind(const surface_t *surface, vec3_t w)
 }
 
 /* What of light arrives between two points, from the first of which it starts in such a medium, if they see
- * each other; `length` apart. There may be media with their borders in between. */
-rgb_t media_between(sample_t *sample, vec3_t from, vec3_t to, const medium_t *medium, float length);
+ * each other; `length` apart. There may be media with their borders in between. Where less than `faint` is
+ * left in a grid, of 1, Russian roulette decides. */
+rgb_t media_between(sample_t *sample, vec3_t from, vec3_t to, const medium_t *medium, float length,
+                    float faint);
 
 /* media_fade, in any scene. */
 static inline float medium_fade(const setup_t *setup, blob_ref_t medium, float distance)
@@ -50,7 +55,7 @@ static inline rgb_t transmit(sample_t *sample, vec3_t from, vec3_t to, medium_t 
     sample->result->counts.rays++;
     if (scene_occluded(sample->setup->scene, from, to, sample->time, look)) return vec3(0, 0, 0);
     if (!media_matter(sample->setup, &medium)) return value;
-    return v_mul(value, media_between(sample, from, to, &medium, length));
+    return v_mul(value, media_between(sample, from, to, &medium, length, FAINT_LEFT));
 }
 
 /* Up to SCENE_PACKET such ways, quickest when all start close together. */
@@ -60,6 +65,7 @@ typedef struct {
     uint32_t absorbing;           /* bit i is set where something absorbs, and only then */
     medium_t media[SCENE_PACKET]; /* are these */
     float lengths[SCENE_PACKET];
+    float faint[SCENE_PACKET]; /* as for media_between */
 } connections_t;
 
 /* Adds one, for which there must be room, and returns its place. */
@@ -73,6 +79,7 @@ static inline int connections_add(connections_t *connections, const setup_t *set
         connections->absorbing |= 1u << n;
         connections->media[n] = medium;
         connections->lengths[n] = length;
+        connections->faint[n] = FAINT_LEFT;
     }
     return n;
 }
@@ -89,9 +96,10 @@ static inline uint32_t connections_transmit(sample_t *sample, connections_t *con
     for (int i = 0; absorbing >> i != 0; i++)
         if (absorbing >> i & 1)
             connections->values[i] =
-                v_mul(connections->values[i], media_between(sample, segments_from(&connections->segments, i),
-                                                            segments_to(&connections->segments, i),
-                                                            &connections->media[i], connections->lengths[i]));
+                v_mul(connections->values[i],
+                      media_between(sample, segments_from(&connections->segments, i),
+                                    segments_to(&connections->segments, i), &connections->media[i],
+                                    connections->lengths[i], connections->faint[i]));
     connections->absorbing = 0;
     connections->segments.count = 0;
     return lost;

@@ -23,7 +23,7 @@ typedef struct {
     transport_t mode;    /* of its subpath */
     int depth;           /* i */
     int length, within;  /* as in walk_t */
-    bool came_within;    /* the segment before it lies in a body */
+    float worth;         /* of the strategy that joins it to the one before it, if both are inner ones */
     bool bounds;         /* it lies in a body, or on what parts one from other media */
     bool first;          /* nothing but mirrors and clear glass lies between it and the subpath's start */
     bool twice, other;   /* it lies at the end of one of two flights; of the other one (walk_flight) */

@@ -102,29 +102,47 @@ static void clip(march_t *march, float origin, float direction, float size)
     march->end = float_min(march->end, float_max(a, b));
 }
 
+/* How far along the ray it leaves the block across an axis. */
+static float leaves(const march_t *march, int axis)
+{
+    int border = march->block[axis] + (march->step[axis] > 0);
+    return ((float)border - march->origin[axis]) * march->inverse[axis];
+}
+
 void march_begin(march_t *march, const density_t *d, vec3_t from, vec3_t direction, float distance)
 {
     const float *span = d->field.record->span;
     vec3_t o = xform_point(&d->field.from_world, from), w = xform_vector(&d->field.from_world, direction);
     vec3_t scale = vec3(span[0] / d->side[0], span[1] / d->side[1], span[2] / d->side[2]);
-    *march =
-        (march_t){.density = d, .origin = v_mul(o, scale), .direction = v_mul(w, scale), .end = distance};
-    clip(march, march->origin.x, march->direction.x, scale.x);
-    clip(march, march->origin.y, march->direction.y, scale.y);
-    clip(march, march->origin.z, march->direction.z, scale.z);
+    march->density = d;
+    march->origin[0] = o.x * scale.x, march->origin[1] = o.y * scale.y, march->origin[2] = o.z * scale.z;
+    march->direction[0] = w.x * scale.x, march->direction[1] = w.y * scale.y,
+    march->direction[2] = w.z * scale.z;
+    march->at = 0;
+    march->end = distance;
+    clip(march, march->origin[0], march->direction[0], scale.x);
+    clip(march, march->origin[1], march->direction[1], scale.y);
+    clip(march, march->origin[2], march->direction[2], scale.z);
     if (!(march->at < march->end)) return;
-    const float at[3] = {march->origin.x + march->at * march->direction.x,
-                         march->origin.y + march->at * march->direction.y,
-                         march->origin.z + march->at * march->direction.z};
-    for (int i = 0; i < 3; i++) march->block[i] = (int)float_clamp(at[i], 0, (float)(d->blocks[i] - 1));
+    ptrdiff_t stride = 1, index = 0;
+    for (int i = 0; i < 3; i++) {
+        float along = march->direction[i];
+        march->block[i] =
+            (int)float_clamp(march->origin[i] + march->at * along, 0, (float)(d->blocks[i] - 1));
+        march->inverse[i] = 1 / along;
+        march->step[i] = along > 0 ? 1 : -1;
+        march->stride[i] = along > 0 ? stride : -stride;
+        march->next[i] = along != 0 ? leaves(march, i) : INFINITY;
+        index += march->block[i] * stride;
+        stride *= d->blocks[i];
+    }
+    march->most = d->most + index;
 }
 
 void density_place(const march_t *march, float t, float place[3])
 {
     const float *side = march->density->side, *origin = march->density->field.record->origin;
-    place[0] = (march->origin.x + t * march->direction.x) * side[0] + origin[0];
-    place[1] = (march->origin.y + t * march->direction.y) * side[1] + origin[1];
-    place[2] = (march->origin.z + t * march->direction.z) * side[2] + origin[2];
+    for (int i = 0; i < 3; i++) place[i] = (march->origin[i] + t * march->direction[i]) * side[i] + origin[i];
 }
 
 float density_along(const march_t *march, float t)
@@ -134,28 +152,23 @@ float density_along(const march_t *march, float t)
     return field_number(&march->density->field, place);
 }
 
-/* How far along the ray it leaves the block across an axis. */
-static float leaves(float origin, float direction, int block)
-{
-    if (direction == 0) return INFINITY;
-    return ((float)(direction > 0 ? block + 1 : block) - origin) / direction;
-}
-
 bool march_next(march_t *march, float *begin, float *end, float *most)
 {
     const density_t *d = march->density;
     if (!(march->at < march->end)) return false;
-    float at[3] = {leaves(march->origin.x, march->direction.x, march->block[0]),
-                   leaves(march->origin.y, march->direction.y, march->block[1]),
-                   leaves(march->origin.z, march->direction.z, march->block[2])};
-    int axis = at[0] <= at[1] ? (at[0] <= at[2] ? 0 : 2) : (at[1] <= at[2] ? 1 : 2);
+    const float *next = march->next;
+    int axis = next[0] <= next[1] ? (next[0] <= next[2] ? 0 : 2) : (next[1] <= next[2] ? 1 : 2);
     *begin = march->at;
-    *end = float_min(float_max(at[axis], march->at), march->end);
-    *most = d->most[block_index(d->blocks, march->block)];
-    const float directions[3] = {march->direction.x, march->direction.y, march->direction.z};
-    march->block[axis] += directions[axis] > 0 ? 1 : -1;
-    bool left = march->block[axis] < 0 || march->block[axis] >= d->blocks[axis] || !(at[axis] < march->end);
-    march->at = left ? march->end : *end;
+    *end = float_min(float_max(next[axis], march->at), march->end);
+    *most = *march->most;
+    march->block[axis] += march->step[axis];
+    march->at = *end;
+    if (march->block[axis] < 0 || march->block[axis] >= d->blocks[axis]) {
+        march->at = march->end;
+        return true;
+    }
+    march->most += march->stride[axis];
+    march->next[axis] = leaves(march, axis);
     return true;
 }
 
@@ -208,8 +221,8 @@ static bool find_in_piece(const march_t *march, float begin, float end, float wa
 {
     const float *side = march->density->side;
     float place[3], next[3], step[3];
-    const float direction[3] = {march->direction.x * side[0], march->direction.y * side[1],
-                                march->direction.z * side[2]};
+    const float direction[3] = {march->direction[0] * side[0], march->direction[1] * side[1],
+                                march->direction[2] * side[2]};
     cube_t cube = {.march = march};
     density_place(march, begin, place);
     for (int i = 0; i < 3; i++) {

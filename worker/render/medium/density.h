@@ -28,9 +28,13 @@ bool density_find(const density_t *density, vec3_t from, vec3_t direction, float
 /* A ray on its way through the blocks. */
 typedef struct {
     const density_t *density;
-    vec3_t origin, direction; /* in blocks; `direction` per unit length in the world */
-    float at, end;            /* distances along the ray */
-    int block[3];
+    float origin[3], direction[3]; /* in blocks; `direction` per unit length in the world */
+    float inverse[3];              /* 1 / direction */
+    float at, end;                 /* distances along the ray */
+    float next[3];                 /* where it leaves the block across each axis */
+    int block[3], step[3];         /* to the next one along each axis: 1 or -1 */
+    const float *most;             /* of the block, */
+    ptrdiff_t stride[3];           /* and from it to that of the next one */
 } march_t;
 
 /* Starts at `from` in the unit direction, for a distance that may be INFINITY. */

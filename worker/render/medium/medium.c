@@ -107,6 +107,11 @@ bool media_is_body(const media_t *media, blob_ref_t medium)
     return medium != 0 && media->matter[medium - 1].is_body;
 }
 
+bool media_is_grid(const media_t *media, blob_ref_t medium)
+{
+    return media != NULL && medium != 0 && media->matter[medium - 1].density != NULL;
+}
+
 bool media_has_bodies(const media_t *media)
 {
     return media != NULL && media->has_bodies;
@@ -295,7 +300,7 @@ static bool scatter_in_grid(const matter_t *m, vec3_t from, vec3_t direction, fl
 static rgb_t transmit_grid(const matter_t *m, vec3_t from, vec3_t direction, float distance,
                            media_numbers_t *numbers)
 {
-    const float faint = 0.1f;
+    const float faint = numbers->faint;
     march_t march;
     float begin, end, most, free = next_collision(numbers);
     rgb_t left = {1, 1, 1};
@@ -308,8 +313,8 @@ static rgb_t transmit_grid(const matter_t *m, vec3_t from, vec3_t direction, flo
             float chance = v_max(left);
             if (!(chance > 0)) return left;
             if (chance < faint) { /* Russian roulette */
-                if (!(next_number(numbers) < 0.5f)) return vec3(0, 0, 0);
-                left = v_scale(left, 2);
+                if (!(next_number(numbers) < chance / faint)) return vec3(0, 0, 0);
+                left = v_scale(left, faint / chance);
             }
         }
     }

@@ -37,6 +37,7 @@ typedef struct {
     bool exact;  /* so well that it is worth an exact integral over a small grid */
     uint64_t key;
     const waves_t *waves; /* NULL: red, green and blue */
+    float faint; /* what is left of light when Russian roulette decides about it, at most 1; for grids */
 } media_numbers_t;
 
 /* Prepares the media of a scene, which must outlive them; NULL when it has none. `empty`: they do nothing. */
@@ -62,6 +63,8 @@ bool media_emits(const media_t *media, blob_ref_t medium);
 /* Whether it is the body of a material (blob_material_t), which may be asked of 0, and where there are no
  * media. */
 bool media_is_body(const media_t *media, blob_ref_t medium);
+/* Whether it lies in a grid; likewise. */
+bool media_is_grid(const media_t *media, blob_ref_t medium);
 /* Whether some medium is one. */
 bool media_has_bodies(const media_t *media);
 /* How it scatters at a point; wo is the unit direction to where the path came from. */

@@ -64,9 +64,10 @@ bool scene_intersect(const scene_t *scene, vec3_t origin, vec3_t direction, floa
 bool scene_look(const scene_t *scene, vec3_t origin, vec3_t direction, float time, surface_t *surface);
 /* True when there are borders of media, which stop no light (MATERIAL_INTERFACE). */
 bool scene_has_borders(const scene_t *scene);
-/* Finds the first of them along a ray on which nothing else lies before it; there must be some. The surface
- * may be another one, if something does. */
-bool scene_find_border(const scene_t *scene, vec3_t origin, vec3_t direction, float time, surface_t *surface);
+/* Finds the first of them along a ray, up to a distance before which nothing else lies on it; there must be
+ * some. The surface may be another one, if something does. */
+bool scene_find_border(const scene_t *scene, vec3_t origin, vec3_t direction, float distance, float time,
+                       surface_t *surface);
 void scene_details(const scene_t *scene, const surface_t *surface, surface_details_t *details);
 
 /* True when the ray hits anything; finds the nearest hit and forgets it: for measuring Embree alone. */

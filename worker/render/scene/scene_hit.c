@@ -136,9 +136,10 @@ bool scene_fill_surface(const scene_t *scene, const blob_shape_t *shape, const h
     return v_is_finite(at.ng) && v_is_finite(at.ns);
 }
 
-/* Embree's nearest hit along a ray, among all there is or the borders alone; false when there is none. */
-static bool nearest_hit(const scene_t *scene, RTCScene among, vec3_t origin, vec3_t direction, float time,
-                        uint32_t id, struct RTCRayHit *query)
+/* Embree's nearest hit along a ray, up to a distance, among all there is or the borders alone; false when
+ * there is none. */
+static bool nearest_hit(const scene_t *scene, RTCScene among, vec3_t origin, vec3_t direction, float distance,
+                        float time, uint32_t id, struct RTCRayHit *query)
 {
     struct RTCIntersectContext context;
     rtcInitIntersectContext(&context);
@@ -151,7 +152,7 @@ static bool nearest_hit(const scene_t *scene, RTCScene among, vec3_t origin, vec
                                    .dir_y = direction.y,
                                    .dir_z = direction.z,
                                    .time = time,
-                                   .tfar = INFINITY,
+                                   .tfar = distance,
                                    .mask = 0xFFFFFFFFu,
                                    .id = id},
                            .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
@@ -163,14 +164,14 @@ static bool nearest_hit(const scene_t *scene, RTCScene among, vec3_t origin, vec
 bool scene_probe(const scene_t *scene, vec3_t origin, vec3_t direction)
 {
     struct RTCRayHit query;
-    return nearest_hit(scene, scene->world, origin, direction, 0, RAY_PLAIN, &query);
+    return nearest_hit(scene, scene->world, origin, direction, INFINITY, 0, RAY_PLAIN, &query);
 }
 
-static bool intersect(const scene_t *scene, RTCScene among, vec3_t origin, vec3_t direction, float time,
-                      uint32_t id, surface_t *surface)
+static bool intersect(const scene_t *scene, RTCScene among, vec3_t origin, vec3_t direction, float distance,
+                      float time, uint32_t id, surface_t *surface)
 {
     struct RTCRayHit query;
-    if (!nearest_hit(scene, among, origin, direction, time, id, &query)) return false;
+    if (!nearest_hit(scene, among, origin, direction, distance, time, id, &query)) return false;
     const scene_blob_t *blob = scene->blob;
     hit_t hit = {.origin = origin,
                  .direction = direction,
@@ -188,12 +189,12 @@ static bool intersect(const scene_t *scene, RTCScene among, vec3_t origin, vec3_
 
 bool scene_intersect(const scene_t *scene, vec3_t origin, vec3_t direction, float time, surface_t *surface)
 {
-    return intersect(scene, scene->world, origin, direction, time, RAY_PLAIN, surface);
+    return intersect(scene, scene->world, origin, direction, INFINITY, time, RAY_PLAIN, surface);
 }
 
 bool scene_look(const scene_t *scene, vec3_t origin, vec3_t direction, float time, surface_t *surface)
 {
-    return intersect(scene, scene->world, origin, direction, time, RAY_LOOK, surface);
+    return intersect(scene, scene->world, origin, direction, INFINITY, time, RAY_LOOK, surface);
 }
 
 bool scene_has_borders(const scene_t *scene)
@@ -201,7 +202,8 @@ bool scene_has_borders(const scene_t *scene)
     return scene->borders != NULL;
 }
 
-bool scene_find_border(const scene_t *scene, vec3_t origin, vec3_t direction, float time, surface_t *surface)
+bool scene_find_border(const scene_t *scene, vec3_t origin, vec3_t direction, float distance, float time,
+                       surface_t *surface)
 {
-    return intersect(scene, scene->borders, origin, direction, time, RAY_PLAIN, surface);
+    return intersect(scene, scene->borders, origin, direction, distance, time, RAY_PLAIN, surface);
 }
