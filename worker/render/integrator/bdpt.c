@@ -163,8 +163,8 @@ static bool survives(const half_t *b, float brightness, uint32_t dimension, uint
 
 /* Adds a connection of value > 0, and returns its place. `brightness` is as in `survives`: on its way through
  * a medium the connection becomes faint, too. */
-static int connect(half_t *b, float brightness, vec3_t from, vec3_t to, medium_t medium, float length,
-                   rgb_t value)
+static int add_connection(half_t *b, float brightness, vec3_t from, vec3_t to, medium_t medium, float length,
+                          rgb_t value)
 {
     int n = connections_add(&b->connections, b->setup, from, to, medium, length, value);
     if (b->setup->media == NULL) return n;
@@ -195,7 +195,7 @@ static void join_camera(half_t *b, const vertex_t *y)
     float brightness = setup_brightness(b->setup, view.raster.x, view.raster.y);
     if (!survives(b, brightness, y->dimension + DIMENSION_LIGHT_SURVIVE, 0, &value)) return;
     medium.number = b->setup->medium; /* where the connection begins */
-    int n = connect(b, brightness, view.position, vertex_exit(y, view.w), medium, length, value);
+    int n = add_connection(b, brightness, view.position, vertex_exit(y, view.w), medium, length, value);
     b->lights[n] = b->path.source;
     b->rasters[n] = view.raster;
     b->dimensions[n] = y->dimension;
@@ -275,7 +275,7 @@ static void join_light(half_t *b, const vertex_t *z, uint32_t k)
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), light.radiance);
     if (v_is_zero(value)) return;
     if (!survives(b, b->brightness, z->dimension + DIMENSION_SURVIVE, k, &value)) return;
-    int n = connect(b, b->brightness, vertex_exit(z, light.w), light.target, medium, length, value);
+    int n = add_connection(b, b->brightness, vertex_exit(z, light.w), light.target, medium, length, value);
     b->lights[n] = light.light;
     b->paths[n] = NULL;
 }
@@ -306,7 +306,8 @@ static void join_vertices(half_t *b, const vertex_t *z, const light_choice_t *ch
     rgb_t value = v_mul(v_scale(v_mul(z->throughput, fz.f), factor), v_mul(y->throughput, fy.f));
     if (v_is_zero(value)) return;
     if (!survives(b, b->brightness, z->dimension + DIMENSION_SURVIVE, LIGHTS_FIRST_MOST + k, &value)) return;
-    int n = connect(b, b->brightness, vertex_exit(z, w), vertex_exit(y, back), medium, distance, value);
+    int n =
+        add_connection(b, b->brightness, vertex_exit(z, w), vertex_exit(y, back), medium, distance, value);
     b->lights[n] = choice->path->source;
     b->paths[n] = choice->path;
     b->dimensions[n] = z->dimension + DIMENSION_SURVIVE;

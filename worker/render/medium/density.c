@@ -112,19 +112,15 @@ static float leaves(const march_t *march, int axis)
 void march_begin(march_t *march, const density_t *d, vec3_t from, vec3_t direction, float distance)
 {
     const float *span = d->field.record->span;
+    const float scale[3] = {span[0] / d->side[0], span[1] / d->side[1], span[2] / d->side[2]};
     vec3_t o = xform_point(&d->field.from_world, from), w = xform_vector(&d->field.from_world, direction);
-    vec3_t scale = vec3(span[0] / d->side[0], span[1] / d->side[1], span[2] / d->side[2]);
-    march->density = d;
-    march->origin[0] = o.x * scale.x, march->origin[1] = o.y * scale.y, march->origin[2] = o.z * scale.z;
-    march->direction[0] = w.x * scale.x, march->direction[1] = w.y * scale.y,
-    march->direction[2] = w.z * scale.z;
-    march->at = 0;
-    march->end = distance;
-    clip(march, march->origin[0], march->direction[0], scale.x);
-    clip(march, march->origin[1], march->direction[1], scale.y);
-    clip(march, march->origin[2], march->direction[2], scale.z);
+    *march = (march_t){.density = d,
+                       .origin = {o.x * scale[0], o.y * scale[1], o.z * scale[2]},
+                       .direction = {w.x * scale[0], w.y * scale[1], w.z * scale[2]},
+                       .end = distance};
+    for (int i = 0; i < 3; i++) clip(march, march->origin[i], march->direction[i], scale[i]);
     if (!(march->at < march->end)) return;
-    ptrdiff_t stride = 1, index = 0;
+    ptrdiff_t stride = 1;
     for (int i = 0; i < 3; i++) {
         float along = march->direction[i];
         march->block[i] =
@@ -133,10 +129,9 @@ void march_begin(march_t *march, const density_t *d, vec3_t from, vec3_t directi
         march->step[i] = along > 0 ? 1 : -1;
         march->stride[i] = along > 0 ? stride : -stride;
         march->next[i] = along != 0 ? leaves(march, i) : INFINITY;
-        index += march->block[i] * stride;
         stride *= d->blocks[i];
     }
-    march->most = d->most + index;
+    march->most = d->most + block_index(d->blocks, march->block);
 }
 
 void density_place(const march_t *march, float t, float place[3])
