@@ -252,11 +252,10 @@ bool render_pool_all_sent(render_pool_t *pool)
 
 unit_t *render_pool_units(render_pool_t *pool, size_t *count)
 {
-    size_t queued = unit_queue_length(&pool->queue);
-    size_t most = queued + pool->begun_count + batched_units(pool);
-    unit_t *held = mem_alloc((most + 1) * sizeof *held);
+    size_t queued = unit_queue_length(&pool->queue), begun = pool->begun_count;
+    size_t most = begun + batched_units(pool) + begun; /* units that are begun may be batched meanwhile */
+    unit_t *held = mem_alloc((most + queued + 1) * sizeof *held);
     *count = list_kept(pool, held, most);
-    if (queued > most - *count) queued = most - *count;
     if (queued > 0) memcpy(held + *count, pool->queue.units + pool->queue.first, queued * sizeof *held);
     *count += queued;
     return held;

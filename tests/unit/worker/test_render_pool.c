@@ -569,6 +569,29 @@ static void a_batch_fits_into_a_message(void **state)
     free(units);
 }
 
+/* While threads finish others, one after the other. */
+static void units_of_many_batches_keep_their_macs(void **state)
+{
+    bench_t *b = *state;
+    enum { UNITS = WIRE_MAX_UNITS };
+    unit_t *units = mem_alloc(UNITS * sizeof *units);
+    for (uint32_t i = 0; i < UNITS; i++) units[i] = (unit_t){0, i, 1};
+    b->settings.spp = 1 << 16;
+    b->settings.width = b->settings.height = 2;
+    assign(b, units, UNITS);
+    load(b, JOB);
+    size_t delivered = 0;
+    for (double start = clock_now(); delivered < UNITS;) {
+        duty_t duty = duty_of(b, AT_ONCE);
+        if (clock_now() - start > PATIENCE) fail_msg("%zu units are delivered", delivered);
+        if (duty.kind != DUTY_OFFER) continue;
+        closed_batch_t closed = close_offer(b, &duty);
+        delivered += closed.batch->unit_count;
+        sent(b, &closed);
+    }
+    free(units);
+}
+
 static void a_film_beyond_the_memory_is_declined(void **state)
 {
     bench_t *b = *state;
@@ -826,6 +849,7 @@ int main(void)
         WITH_FIXTURE(units_that_take_too_long_are_given_up),
         WITH_FIXTURE(rendering_pauses_while_the_batch_is_full),
         WITH_FIXTURE(a_batch_fits_into_a_message),
+        WITH_FIXTURE(units_of_many_batches_keep_their_macs),
         WITH_FIXTURE(a_film_beyond_the_memory_is_declined),
         WITH_FIXTURE(a_scene_that_cannot_be_loaded_is_declined),
         WITH_FIXTURE(a_slow_link_bounds_what_is_in_hand),
