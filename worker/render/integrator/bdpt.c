@@ -166,11 +166,10 @@ static bool survives(const half_t *b, float brightness, uint32_t dimension, uint
 static int add_connection(half_t *b, float brightness, vec3_t from, vec3_t to, medium_t medium, float length,
                           rgb_t value)
 {
-    int n = connections_add(&b->connections, b->setup, from, to, medium, length, value);
-    if (b->setup->media == NULL) return n;
-    float left = brightness > 0 ? FAINT_IN_MEDIA * b->setup->noise / (v_max(value) * brightness) : 0;
-    b->connections.faint[n] = float_clamp(left, FAINT_LEFT, 1);
-    return n;
+    float faint = 0;
+    if (b->setup->media != NULL && brightness > 0)
+        faint = FAINT_IN_MEDIA * b->setup->noise / (v_max(value) * brightness);
+    return connections_add(&b->connections, b->setup, from, to, medium, length, faint, value);
 }
 
 /* t = 1: joins a light vertex to the camera. */
@@ -320,8 +319,10 @@ static void join_pool(half_t *b, const vertex_t *z)
 {
     const job_settings_t *settings = &b->setup->settings;
     light_choice_t choices[LIGHT_CHOICES_MOST];
+    bool in_grid = z->kind == VERTEX_MEDIUM && media_is_grid(b->setup->media, z->media[0]);
     light_wish_t wish = {.most = setup_max_segments(b->setup) - z->length - !z->bounds,
                          .weighted = !settings->unweighted,
+                         .often = in_grid ? POOLED_IN_GRIDS : 1,
                          .u = sample_2d(b->sample, z->dimension + DIMENSION_CHOOSE).x};
     int t = z->depth + 1;
     bool bodies = media_has_bodies(b->setup->media); /* where lengths are not depths */
@@ -333,15 +334,8 @@ static void join_pool(half_t *b, const vertex_t *z)
     if (wish.most < !bodies) return;
     if (b->brightness > 0)
         wish.worth = v_max(v_mul(z->throughput, bsdf_albedo(&z->bsdf))) * b->brightness / b->setup->noise;
-    float times = 1;
-    if (z->kind == VERTEX_MEDIUM && media_is_grid(b->setup->media, z->media[0])) {
-        if (!(wish.u < POOLED_IN_GRIDS)) return;
-        wish.u /= POOLED_IN_GRIDS;
-        times = 1 / POOLED_IN_GRIDS;
-    }
     int count = light_pool_choose(b->sample->pool, z, &wish, choices);
     for (int k = 0; k < count; k++) {
-        choices[k].factor *= times;
         if (b->connections.segments.count == SCENE_PACKET) take_connections(b);
         if (is_wanted(b, choices[k].vertex->depth + 1, t)) join_vertices(b, z, &choices[k], (uint32_t)k);
     }

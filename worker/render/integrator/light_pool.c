@@ -263,14 +263,14 @@ int light_pool_choose(light_pool_t *pool, const vertex_t *z, const light_wish_t 
                       light_choice_t choices[LIGHT_CHOICES_MOST])
 {
     look_t l;
-    float u = wish->u;
-    if (!look(pool, z, wish, &u, &l)) return 0;
+    float u = wish->u / wish->often;
+    if (!(u < 1) || !look(pool, z, wish, &u, &l)) return 0;
     int count = count_choices(pool, &l, wish->worth), chosen = 0;
     for (int k = 0; k < count; k++) {
         int i = find(pool, &l, l.total * ((float)k + u) / (float)count);
         const group_t *group = &pool->groups[i / LANES];
         float chance = (group->chance[i % LANES] + l.floor) / (l.total * (float)l.stride);
-        float factor = 1 / (chance * (float)(count * pool->pixels));
+        float factor = 1 / (chance * wish->often * (float)(count * pool->pixels));
         const vertex_t *vertex = (const vertex_t *)(pool->bytes + pool->start_of[i]);
         if (chosen > 0 && choices[chosen - 1].vertex == vertex)
             choices[chosen - 1].factor += factor;

@@ -70,6 +70,7 @@ typedef struct {
     bool weighted;   /* contributions are */
     float worth;     /* what the vertex makes of light from a surface, in terms of a sample's noise: the more
                         light it expects, the more it chooses. 0: not known */
+    float often;     /* at most 1: the part of such vertices that choose at all, for the others, too */
     float u;         /* a uniform number */
 } light_wish_t;
 

@@ -8,7 +8,7 @@
 #include "worker/render/integrator/integrator.h"
 #include "worker/render/scene/scene.h"
 
-/* The least that `faint` is below. */
+/* What is left of light where Russian roulette begins in any case. */
 static const float FAINT_LEFT = 0.1f;
 
 static inline bool medium_absorbs(const medium_t *medium)
@@ -68,9 +68,9 @@ typedef struct {
     float faint[SCENE_PACKET]; /* as for media_between */
 } connections_t;
 
-/* Adds one, for which there must be room, and returns its place. */
+/* Adds one, for which there must be room, and returns its place. `faint` as for media_between. */
 static inline int connections_add(connections_t *connections, const setup_t *setup, vec3_t from, vec3_t to,
-                                  medium_t medium, float length, rgb_t value)
+                                  medium_t medium, float length, float faint, rgb_t value)
 {
     int n = connections->segments.count++;
     segments_set(&connections->segments, n, from, to);
@@ -79,7 +79,7 @@ static inline int connections_add(connections_t *connections, const setup_t *set
         connections->absorbing |= 1u << n;
         connections->media[n] = medium;
         connections->lengths[n] = length;
-        connections->faint[n] = FAINT_LEFT;
+        connections->faint[n] = float_clamp(faint, FAINT_LEFT, 1);
     }
     return n;
 }
