@@ -569,22 +569,20 @@ static void a_batch_fits_into_a_message(void **state)
     free(units);
 }
 
-/* While threads finish others, one after the other. */
-static void units_of_many_batches_keep_their_macs(void **state)
+/* The last ones of a long queue, while threads finish the first ones and these are sent, a few at a time. */
+static void units_that_wait_keep_their_macs(void **state)
 {
     bench_t *b = *state;
-    enum { UNITS = WIRE_MAX_UNITS };
+    enum { UNITS = WIRE_MAX_UNITS, BATCHES = 1000 };
     unit_t *units = mem_alloc(UNITS * sizeof *units);
     for (uint32_t i = 0; i < UNITS; i++) units[i] = (unit_t){0, i, 1};
-    b->settings.spp = 1 << 16;
+    b->settings.spp = UNITS;
     b->settings.width = b->settings.height = 2;
     assign(b, units, UNITS);
     load(b, JOB);
     size_t delivered = 0;
-    for (double start = clock_now(); delivered < UNITS;) {
-        duty_t duty = duty_of(b, AT_ONCE);
-        if (clock_now() - start > PATIENCE) fail_msg("%zu units are delivered", delivered);
-        if (duty.kind != DUTY_OFFER) continue;
+    for (int batches = 0; delivered < UNITS; batches++) {
+        duty_t duty = await_duty(b, DUTY_OFFER, batches < BATCHES ? AT_ONCE : NEVER);
         closed_batch_t closed = close_offer(b, &duty);
         delivered += closed.batch->unit_count;
         sent(b, &closed);
@@ -849,7 +847,7 @@ int main(void)
         WITH_FIXTURE(units_that_take_too_long_are_given_up),
         WITH_FIXTURE(rendering_pauses_while_the_batch_is_full),
         WITH_FIXTURE(a_batch_fits_into_a_message),
-        WITH_FIXTURE(units_of_many_batches_keep_their_macs),
+        WITH_FIXTURE(units_that_wait_keep_their_macs),
         WITH_FIXTURE(a_film_beyond_the_memory_is_declined),
         WITH_FIXTURE(a_scene_that_cannot_be_loaded_is_declined),
         WITH_FIXTURE(a_slow_link_bounds_what_is_in_hand),

@@ -64,7 +64,7 @@ static light_pool_t *make_pool(sampler_t *sampler, vertex_t *vertices, int count
     return pool;
 }
 
-static void check_means(int depth, int count, int least, int most, bool weighted, float worth)
+static void check_means(int depth, int count, int least, int most, bool weighted, float worth, float often)
 {
     sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 7, (uint32_t)depth, (uint32_t)count);
     vertex_t vertices[VERTICES], z = random_vertex(&sampler, depth);
@@ -73,7 +73,7 @@ static void check_means(int depth, int count, int least, int most, bool weighted
     int possible = 0;
     for (int i = 0; i < DRAWS; i++) {
         light_choice_t choices[LIGHT_CHOICES_MOST];
-        light_wish_t wish = {least, most, weighted, worth, ((float)i + 0.5f) / DRAWS};
+        light_wish_t wish = {least, most, weighted, worth, often, ((float)i + 0.5f) / DRAWS};
         int chosen = light_pool_choose(pool, &z, &wish, choices);
         assert_in_range(chosen, 0, LIGHT_CHOICES_MOST);
         for (int k = 0; k < chosen; k++) {
@@ -99,25 +99,32 @@ static void check_means(int depth, int count, int least, int most, bool weighted
 static void first_vertices_count_all(void **state)
 {
     (void)state;
-    check_means(1, VERTICES, 1, 100, true, 0);
-    check_means(1, VERTICES, 1, 100, false, 1000);
-    check_means(1, 29, 1, 100, true, 100);
-    check_means(1, 15, 1, 100, false, 1000); /* few: some are chosen twice */
+    check_means(1, VERTICES, 1, 100, true, 0, 1);
+    check_means(1, VERTICES, 1, 100, false, 1000, 1);
+    check_means(1, 29, 1, 100, true, 100, 1);
+    check_means(1, 15, 1, 100, false, 1000, 1); /* few: some are chosen twice */
 }
 
 /* They look at a part of the groups only, another one for each number. */
 static void deeper_vertices_count_all(void **state)
 {
     (void)state;
-    check_means(2, VERTICES, 1, 100, true, 10);
-    check_means(5, VERTICES, 1, 100, true, 0);
+    check_means(2, VERTICES, 1, 100, true, 10, 1);
+    check_means(5, VERTICES, 1, 100, true, 0, 1);
+}
+
+static void vertices_that_choose_now_and_then_count_all(void **state)
+{
+    (void)state;
+    check_means(1, VERTICES, 1, 100, true, 10, 0.5f);
+    check_means(3, VERTICES, 1, 100, true, 0, 0.3f);
 }
 
 static void depths_are_kept_to(void **state)
 {
     (void)state;
-    check_means(1, VERTICES, 2, 2, true, 0);
-    check_means(3, VERTICES, 1, 2, true, 1);
+    check_means(1, VERTICES, 2, 2, true, 0, 1);
+    check_means(3, VERTICES, 1, 2, true, 1, 1);
 }
 
 static void an_empty_pool_has_no_choice(void **state)
@@ -127,7 +134,7 @@ static void an_empty_pool_has_no_choice(void **state)
     vertex_t vertices[1], z = random_vertex(&sampler, 1);
     light_pool_t *pool = make_pool(&sampler, vertices, 1);
     light_choice_t choices[LIGHT_CHOICES_MOST];
-    light_wish_t wish = {2, 100, true, 1, 0.999999f};
+    light_wish_t wish = {2, 100, true, 1, 1, 0.999999f};
     assert_int_equal(light_pool_choose(pool, &z, &wish, choices), 0);
     light_pool_reset(pool, POOL_PIXELS);
     assert_int_equal(light_pool_pixels(pool), POOL_PIXELS);
@@ -140,6 +147,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(first_vertices_count_all),
         cmocka_unit_test(deeper_vertices_count_all),
+        cmocka_unit_test(vertices_that_choose_now_and_then_count_all),
         cmocka_unit_test(depths_are_kept_to),
         cmocka_unit_test(an_empty_pool_has_no_choice),
     };
