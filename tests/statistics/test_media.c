@@ -147,16 +147,24 @@ static char *grid_medium(const grid_t *grid, bool v4, const char *more)
 static const integrator_t integrators[] = {INTEGRATOR_PATH, INTEGRATOR_BDPT, INTEGRATOR_LIGHT};
 enum { PATH, BDPT, LIGHT, INTEGRATORS };
 
-static estimate_image_t render(const char *text, integrator_t integrator, uint32_t spp, int max_depth)
+/* The scene of a text; returns its bytes. */
+static uint8_t *open_scene(const char *text, scene_blob_t *blob)
 {
     char *path = scratch_path(folder, "scene.pbrt");
     scratch_write(path, text, strlen(text));
     uint8_t *bytes;
     uint64_t size;
-    scene_blob_t blob;
     result_t made = import_scene_blob(path, NULL, &bytes, &size);
     if (made.code != RESULT_OK) fail_msg("%s", made.message);
-    assert_int_equal(blob_open(bytes, size, &blob).code, RESULT_OK);
+    assert_int_equal(blob_open(bytes, size, blob).code, RESULT_OK);
+    free(path);
+    return bytes;
+}
+
+static estimate_image_t render(const char *text, integrator_t integrator, uint32_t spp, int max_depth)
+{
+    scene_blob_t blob;
+    uint8_t *bytes = open_scene(text, &blob);
     job_settings_t settings = blob_default_settings(&blob);
     settings.integrator = integrator;
     settings.spp = spp;
@@ -169,7 +177,6 @@ static estimate_image_t render(const char *text, integrator_t integrator, uint32
     assert_int_equal(film->counts.overflows, 0);
     film_destroy(&film);
     free(bytes);
-    free(path);
     return image;
 }
 
@@ -278,6 +285,11 @@ static double lost_before_wall(double x, double y, int c)
     return 0.5 / M_PI * lost_over_2(x, y, c);
 }
 
+static double lost_before_leaf(double x, double y, int c)
+{
+    return 0.5 * lost_before_wall(x, y, c);
+}
+
 /* A wall that shines through fog, or through a slab; and a wall that the sun lights through a slab. Where
  * light is scattered, paths are so short that none of it comes back. */
 static void slabs_dim_what_is_behind(void **state)
@@ -307,6 +319,23 @@ static void slabs_dim_what_is_behind(void **state)
         check_grid("shade of a long grid", &plain_long, ABSORBS SCATTERS, SHADE, 1, lost_before_wall, most) &&
         holds;
     assert_true(holds);
+}
+
+/* Borders of a placed slab are found among all there is, as a leaf that lets half of the light through. */
+static void leaves_hide_no_borders(void **state)
+{
+    (void)state;
+    static const uint32_t samples[] = {256, 256, 0};
+#define SUN4 "LightSource \"distant\" \"rgb L\" [1 2 4] \"point3 from\" [0 0 -1] \"point3 to\" [0 0 0]\n"
+#define GREY4 "Material \"diffuse\" \"rgb reflectance\" [0.5 0.5 0.5]\n"
+#define SQUARE4(side, z, more)                                                                               \
+    "Shape \"trianglemesh\" \"integer indices\" [0 1 2 0 2 3] \"point3 P\" [-" side " -" side " " z          \
+    " -" side " " side " " z " " side " " side " " z " " side " -" side " " z "] " more "\n"
+#define WALL_AND_LEAF4 GREY4 SQUARE4("1.2", "1", "") SQUARE4("9", "-0.2", "\"float alpha\" [0.5]")
+#define PLACED(thing) "ObjectBegin \"thing\"\n" thing "ObjectEnd\nObjectInstance \"thing\"\n"
+    assert_true(check_truth("shade of a placed slab", EVEN(ABSORBS SCATTERS),
+                            CLEAR4 SUN4 WALL_AND_LEAF4 PLACED(SLAB4("Translate 0 0 -1.5\nScale 2 2 1\n")), 1,
+                            lost_before_leaf, samples));
 }
 
 static double lost_in_ramp(double x, double y, int c)
@@ -510,6 +539,24 @@ static void media_glow(void **state)
     assert_true(holds);
 }
 
+/* What is well stratified is worth more there. */
+static void glow_leaves_the_first_number_to_the_distance(void **state)
+{
+    (void)state;
+    char *medium = grid_medium(&ramp, true, ABSORBS SCATTERS GLOWS);
+    char *text = mem_printf("%s%s", medium, CLEAR4 SLAB4("Translate 0 0 1.5\n"));
+    scene_blob_t blob;
+    uint8_t *bytes = open_scene(text, &blob);
+    media_t *media = media_new(&blob, false);
+    media_numbers_t numbers = {.first = 0.3f, .key = 1};
+    assert_true(media_emission(media, 1, vec3(0, 0, 0), vec3(0, 0, 1), 5, &numbers).x > 0);
+    assert_true(numbers.first == 0.3f && numbers.key != 1);
+    media_destroy(&media);
+    free(bytes);
+    free(text);
+    free(medium);
+}
+
 /* ---- one integrator and another ------------------------------------------------------------------------ */
 
 #define LOOK "LookAt 0 1.6 -5  0 1 0  0 1 0\n"
@@ -672,10 +719,12 @@ int main(int argc, char **argv)
     only_scene = argc > 1 ? argv[1] : NULL;
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(slabs_dim_what_is_behind),
+        cmocka_unit_test(leaves_hide_no_borders),
         cmocka_unit_test(densities_are_interpolated),
         cmocka_unit_test(light_is_scattered_once),
         cmocka_unit_test(white_media_vanish),
         cmocka_unit_test(media_glow),
+        cmocka_unit_test(glow_leaves_the_first_number_to_the_distance),
         cmocka_unit_test(phases_are_densities),
         cmocka_unit_test(integrators_agree),
     };

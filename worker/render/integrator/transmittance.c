@@ -14,7 +14,8 @@ static media_numbers_t numbers_between(const sample_t *sample, vec3_t from, vec3
     return (media_numbers_t){.first = -1, .key = key, .waves = sample->waves};
 }
 
-/* The same through the borders of media, which are all that is in the way. */
+/* The same through the borders of media. Whatever else lies there lets this light through, as shadow rays
+ * said (scene_alpha.c). */
 static rgb_t pass_borders(sample_t *sample, vec3_t from, vec3_t w, blob_ref_t number, float length,
                           media_numbers_t *numbers)
 {
@@ -28,12 +29,12 @@ static rgb_t pass_borders(sample_t *sample, vec3_t from, vec3_t w, blob_ref_t nu
         float rest = length - gone;
         bool hit = scene_find_border(setup->scene, from, w, rest, sample->time, &surface);
         float distance = hit ? v_length(v_sub(surface.p, from)) : INFINITY;
-        bool last = !(distance < rest) || !surface_is_interface(&surface);
+        bool last = !(distance < rest);
         if (number != 0)
             left = v_mul(left,
                          media_transmittance(setup->media, number, from, w, last ? rest : distance, numbers));
         if (last || v_is_zero(left)) return left;
-        number = medium_behind(&surface, w);
+        if (surface_is_interface(&surface)) number = medium_behind(&surface, w);
         from = scene_offset(&surface, w);
         gone += distance;
     }

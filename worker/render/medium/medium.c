@@ -360,6 +360,8 @@ static rgb_t emit_in_grid(const matter_t *m, vec3_t from, vec3_t direction, floa
 {
     const float looks = 8; /* on all of the way through the box */
     march_t march;
+    float first = numbers->first; /* is for the distance, which matters more */
+    numbers->first = -1;
     float begin, end, most, free = next_collision(numbers);
     rgb_t left = {1, 1, 1}, sum = {0, 0, 0};
     march_begin(&march, m->density, from, direction, distance);
@@ -373,6 +375,7 @@ static rgb_t emit_in_grid(const matter_t *m, vec3_t from, vec3_t direction, floa
             left = v_mul(left, rest_of(rates_at(m, &march, t, bound).extinction));
         }
     }
+    numbers->first = first;
     return sum;
 }
 

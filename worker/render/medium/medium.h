@@ -56,7 +56,8 @@ rgb_t media_transmittance(const media_t *media, blob_ref_t medium, vec3_t from, 
 /* About the chance to get over a distance without being scattered, for weights: a function of the medium and
  * the distance alone, and 1 where there is a grid. */
 float media_fade(const media_t *media, blob_ref_t medium, float distance);
-/* What a medium emits on such a way, as it arrives at its start: an estimate where there is a grid. */
+/* What a medium emits on such a way, as it arrives at its start: an estimate where there is a grid, by
+ * other numbers than the first. */
 rgb_t media_emission(const media_t *media, blob_ref_t medium, vec3_t from, vec3_t direction, float distance,
                      media_numbers_t *numbers);
 bool media_emits(const media_t *media, blob_ref_t medium);
