@@ -240,6 +240,8 @@ static result_t volume(maker_t *m)
     TRY(item_number(&extension, "attenuationDistance", 1e-9, 1e18, &distance));
     TRY(item_numbers(&extension, "attenuationColor", 3, 0, 1, colour, NULL));
     if (!(thickness > 0)) {
+        if (scatter.json)
+            item_warn(&scatter, "scatters nothing without KHR_materials_volume and a thickness");
         m->record.flags |= MATERIAL_THIN;
         return result_ok();
     }

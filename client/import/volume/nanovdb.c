@@ -61,6 +61,7 @@ typedef struct {
     uint32_t count;            /* of bricks that have numbers */
     uint64_t most_leaves;      /* that fit into the bytes */
     uint32_t tiles;
+    float around;         /* what is where the tree has nothing */
     float tile, *pending; /* the number of the last tile; bricks that are not in the blob yet */
     uint32_t tile_brick, pending_count;
     float largest;
@@ -246,8 +247,9 @@ static result_t walk_root(walk_t *w, pnanovdb_root_handle_t root)
             for (at[0] = first[0]; at[0] < w->low[0] + w->bricks[0]; at[0] += UPPER_SIDE) {
                 pnanovdb_coord_t voxel = voxel_of(at);
                 pnanovdb_root_tile_handle_t tile = pnanovdb_root_find_tile(TYPE, w->buf, root, &voxel);
-                if (pnanovdb_address_is_null(tile.address)) continue;
-                if (pnanovdb_int64_is_zero(pnanovdb_root_tile_get_child(w->buf, tile)))
+                if (pnanovdb_address_is_null(tile.address))
+                    TRY(add_tile(w, w->around, at, UPPER_SIDE));
+                else if (pnanovdb_int64_is_zero(pnanovdb_root_tile_get_child(w->buf, tile)))
                     TRY(add_tile(
                         w,
                         pnanovdb_read_float(w->buf, pnanovdb_root_tile_get_value_address(TYPE, w->buf, tile)),
@@ -316,16 +318,17 @@ static affine_t place_of(const walk_t *w, pnanovdb_grid_handle_t grid, const int
     return affine_multiply(&from_index, &move);
 }
 
-static result_t check_root(const walk_t *w, pnanovdb_root_handle_t root)
+static result_t check_root(walk_t *w, pnanovdb_root_handle_t root)
 {
     uint64_t tiles = pnanovdb_root_get_tile_count(w->buf, root);
     if (tiles > w->buf.size / PNANOVDB_GRID_TYPE_GET(TYPE, root_tile_size)) return damaged(w);
-    float around = pnanovdb_read_float(
+    w->around = pnanovdb_read_float(
         w->buf, pnanovdb_address_offset(root.address, PNANOVDB_GRID_TYPE_GET(TYPE, root_off_background)));
-    if (around == 0) return result_ok();
-    return report_refuse(w->scene->report, w->at,
-                         "%s: the grid \"%.60s\" is surrounded by the number %g; it is taken for 0", w->path,
-                         w->name, (double)around);
+    if (w->around == 0) return result_ok();
+    return report_refuse(
+        w->scene->report, w->at,
+        "%s: the grid \"%.60s\" is surrounded by the number %g; outside of its box it is taken for 0",
+        w->path, w->name, (double)w->around);
 }
 
 static result_t read_tree(walk_t *w, nanovdb_grid_t *out)

@@ -396,6 +396,36 @@ static void numbers_that_no_density_has_are_errors(void **state)
     bench_close(&bench);
 }
 
+/* Two corners about 0, where the tree's largest nodes meet: the other six are what surrounds them. */
+static float two_corners(const void *context, int x, int y, int z)
+{
+    (void)context;
+    return (x < 0) == (y < 0) && (y < 0) == (z < 0) ? 1 : 2;
+}
+
+static void what_surrounds_a_grid_fills_its_box(void **state)
+{
+    (void)state;
+    bench_t bench = {.lenient = true};
+    nanovdb_pack_t grid = pack;
+    grid.at = two_corners;
+    grid.background = 2;
+    for (int i = 0; i < 3; ++i) {
+        grid.low[i] = -3;
+        grid.high[i] = 2;
+    }
+    pack_file(&bench, &grid, 1, NANOVDB_PACK_NONE);
+    run(&bench, FILE_MEDIUM "\n");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "surrounded by the number 2; outside of its box it is taken for 0");
+    const blob_field_t *f = field(&bench, medium(&bench)->density);
+    for (int i = 0; i < 8; ++i) {
+        const int at[3] = {i & 1 ? 9 : 6, i & 2 ? 9 : 6, i & 4 ? 9 : 6}; /* 0 is at 8 */
+        assert_true(number_at(&bench, f, at) == (i == 0 || i == 7 ? 1 : 2));
+    }
+    bench_close(&bench);
+}
+
 static void grids_that_are_no_density_are_errors(void **state)
 {
     (void)state;
@@ -609,6 +639,7 @@ int main(void)
         cmocka_unit_test(files_that_are_none_are_errors),
         cmocka_unit_test(a_missing_file_is_empty_space_where_that_is_allowed),
         cmocka_unit_test(numbers_that_no_density_has_are_errors),
+        cmocka_unit_test(what_surrounds_a_grid_fills_its_box),
         cmocka_unit_test(grids_that_are_no_density_are_errors),
         cmocka_unit_test(boxes_that_are_too_large_are_errors),
         cmocka_unit_test(damaged_files_are_survived),
