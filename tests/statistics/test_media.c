@@ -524,8 +524,15 @@ static void media_glow(void **state)
 #define BLACK4                                                                                               \
     "Material \"diffuse\" \"rgb reflectance\" [0 0 0]\nShape \"trianglemesh\" \"integer indices\" [0 1 2 0 " \
     "2 3] \"point3 P\" [-9 -9 2 -9 9 2 9 9 2 9 -9 2]\n"
+/* What glows behind it is too far away. */
+#define WAX4                                                                                                 \
+    "AttributeBegin\nMaterial \"subsurface\" \"rgb sigma_a\" [0.1 0.1 0.1] \"rgb sigma_s\" [0.5 0.5 0.5] "   \
+    "\"float eta\" [1.3]\nTranslate 0 0 3\nScale 9 9 1\n" CUBE_OF("point3") "AttributeEnd\n"
     bool holds = check_truth("glow of fog", EVEN(ABSORBS NEITHER_SCATTERS GLOWS), FOG4 BLACK4, 3, glow_over_2,
                              samples);
+    holds = check_truth("glow before a body", EVEN(ABSORBS NEITHER_SCATTERS GLOWS), FOG4 WAX4, 0, glow_over_2,
+                        samples) &&
+            holds;
     holds =
         check_truth("glow of a slab", EVEN(ABSORBS SCATTERS GLOWS),
                     CLEAR4 SLAB4("Translate 0 0 1.5\nScale 9 9 1\n"), 0, scattered_glow_over_2, samples) &&
@@ -572,6 +579,9 @@ static void glow_leaves_the_first_number_to_the_distance(void **state)
         "-0.5 2.9 -0.5  0.5 2.9 -0.5  0.5 2.9 0.5  -0.5 2.9 0.5") "AttributeEnd\n"
 #define BALL(place, radius)                                                                                  \
     "AttributeBegin\n" place "Shape \"sphere\" \"float radius\" [" radius "]\nAttributeEnd\n"
+#define LAMP_BALL                                                                                            \
+    "AttributeBegin\nMaterial \"matte\" \"rgb Kd\" [0.5 0.5 0.5]\nTranslate 0.5 1.4 0\nAreaLightSource "     \
+    "\"diffuse\" \"rgb L\" [20 15 12]\nShape \"sphere\" \"float radius\" [0.2]\nAttributeEnd\n"
 #define COLOURED(name, scale)                                                                                \
     "MakeNamedMedium \"" name "\" \"string type\" \"homogeneous\" \"rgb sigma_a\" [0.05 0.2 0.4] \"rgb "     \
     "sigma_s\" [1 2 0.5] \"float g\" [0.4] \"float scale\" [" scale "]\n"
@@ -595,12 +605,8 @@ static const case_t cases[] = {
      "ObjectEnd\nAttributeBegin\nTranslate -0.8 0.6 0\nRotate 30 1 1 0\nScale 0.4 0.3 0.5\nObjectInstance "
      "\"thing\"\nAttributeEnd\nAttributeBegin\nTranslate 0.8 1.2 0\nScale -0.5 0.5 0.4\nObjectInstance "
      "\"thing\"\nAttributeEnd\nWorldEnd\n"},
-    {"light in a body",
-     ROOM_HEAD COLOURED("m", "2") STAGE "Material \"\"\n" INSIDE("m", "") BALL("Translate 0.3 1.2 0\n", "0.9")
-         INSIDE("", "m") "AttributeBegin\nMaterial \"matte\" \"rgb Kd\" [0.5 0.5 0.5]\nTranslate 0.5 1.4 "
-                         "0\nAreaLightSource "
-                         "\"diffuse\" \"rgb L\" [20 15 12]\nShape \"sphere\" \"float radius\" "
-                         "[0.2]\nAttributeEnd\nWorldEnd\n"},
+    {"light in a body", ROOM_HEAD COLOURED("m", "2") STAGE "Material \"\"\n" INSIDE("m", "")
+                            BALL("Translate 0.3 1.2 0\n", "0.9") INSIDE("", "m") LAMP_BALL "WorldEnd\n"},
     {"orthographic in fog", COLOURED("m", "0.2") INSIDE("", "m") LOOK
      "Camera \"orthographic\" \"float screenwindow\" [-1.8 1.8 -1 2.6]\n" FILM3 BOX3 SOBOL INSIDE("m", "m")
          STAGE LAMP
@@ -640,6 +646,33 @@ static void integrators_agree(void **state)
     for (size_t i = 0; i < ARRAY_LENGTH(cases); i++)
         if (only_scene == NULL || strcmp(only_scene, cases[i].name) == 0) differing += !check(&cases[i]);
     assert_int_equal(differing, 0);
+}
+
+/* A body that is met first has one flight, in which fog behind it has all its light: as much as where the
+ * same medium is no body, and has two. */
+static void fog_in_a_body_has_all_its_light(void **state)
+{
+    (void)state;
+#define THIN "\"rgb sigma_a\" [2 2 2] \"rgb sigma_s\" [3.5 3.5 3.5]"
+#define SCREEN "Material \"matte\" \"rgb Kd\" [0 0 0]\n" QUAD("-0.1 0.8 0  0.7 0.8 0  0.7 1.6 0  -0.1 1.6 0")
+#define HIDDEN_LAMP                                                                                          \
+    SCREEN "AttributeBegin\nTranslate 0.3 1.2 0.2\nAreaLightSource \"diffuse\" \"rgb L\" [20 20 20]\n"       \
+           "Shape \"sphere\" \"float radius\" [0.2]\nAttributeEnd\n"
+#define FOG_IN_BALL                                                                                          \
+    BALL("Translate 0.3 1.2 0\n", "1.2")                                                                     \
+    "Material \"\"\n" INSIDE("m", "n") BALL("Translate 0.3 1.2 0\n", "1") INSIDE("", "m") HIDDEN_LAMP        \
+        "WorldEnd\n"
+#define MEDIA COLOURED("m", "0.5") "MakeNamedMedium \"n\" \"string type\" \"homogeneous\" " THIN "\n"
+    enum { DEEP = 20 };
+    static const char body[] =
+        ROOM_HEAD MEDIA "Material \"subsurface\" " THIN " \"float eta\" [1.0001]\n" FOG_IN_BALL;
+    static const char none[] = ROOM_HEAD MEDIA "Material \"\"\n" INSIDE("n", "") FOG_IN_BALL;
+    estimate_image_t a = render(body, INTEGRATOR_PATH, 512, DEEP),
+                     b = render(none, INTEGRATOR_PATH, 512, DEEP);
+    bool holds = agree("fog in a body", "path", &a, &b, 0.02);
+    estimate_image_free(&a);
+    estimate_image_free(&b);
+    assert_true(holds);
 }
 
 /* ---- phase functions ----------------------------------------------------------------------------------- */
@@ -727,6 +760,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(glow_leaves_the_first_number_to_the_distance),
         cmocka_unit_test(phases_are_densities),
         cmocka_unit_test(integrators_agree),
+        cmocka_unit_test(fog_in_a_body_has_all_its_light),
     };
     return cmocka_run_group_tests(tests, begin, end);
 }

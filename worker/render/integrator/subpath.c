@@ -65,9 +65,13 @@ static void pass_media(walk_t *walk, sample_t *sample, bool hit, vertex_t *verte
     blob_ref_t start = walk->medium.number;
     walk->fade = walk->fade_back = 1;
     walk->flew = false;
+    bool met = false; /* a medium: the first decides about flights, before chance has a part in it */
     for (int i = 0;; i++) {
         float distance = hit ? v_length(v_sub(vertex_point(vertex), from)) : INFINITY;
-        walk->flew = walk->flew || (walk->medium.number != 0 && !media_is_body(media, walk->medium.number));
+        if (!met && walk->medium.number != 0) {
+            walk->flew = !media_is_body(media, walk->medium.number);
+            met = true;
+        }
         if (walk->medium.number != 0 && meet_medium(walk, sample, from, distance, &numbers, vertex)) break;
         vertex->kind = hit && i < MOST_BORDERS ? VERTEX_SURFACE : VERTEX_SKY;
         if (vertex->kind == VERTEX_SKY || !surface_is_interface(&vertex->surface)) break;
