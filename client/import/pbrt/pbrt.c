@@ -325,7 +325,12 @@ static result_t apply_gain(pbrt_t *p, position_t at)
         TRY(gain(p, at, &lights[i].radiance.factor));
         if (tints) lights[i].radiance.spectrum = 0; /* it is another one */
     }
-    for (uint32_t i = 0; i < media; ++i) TRY(gain(p, at, &medium[i].emission));
+    for (uint32_t i = 0; i < media; ++i) {
+        TRY(gain(p, at, &medium[i].emission));
+        if (v_max(medium[i].emission) > 1e9f) /* as the blob has it */
+            return error_at(p->film_at.line ? p->film_at : at,
+                            "what a medium emits, times the film's exposure, is over 1e9");
+    }
     if (!v_is_finite(*open))
         return error_at(p->film_at.line ? p->film_at : at, "the film's scale is too large");
     return result_ok();

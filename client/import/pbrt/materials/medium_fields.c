@@ -47,7 +47,14 @@ static result_t read_box(pbrt_t *p, params_t *params, position_t at, double p0[3
     for (int i = 0; i < 3; ++i) p0[i] = 0;
     TRY(params_point(params, "p0", types, p0));
     TRY(params_point(params, "p1", types, p1));
-    for (int i = 0; i < 3; ++i) sides[i] = p1[i] - p0[i];
+    for (int i = 0; i < 3; ++i) {
+        double corner = p0[i];
+        if (p->dialect.dialect == DIALECT_V4 && p1[i] < corner) { /* which sorts them */
+            p0[i] = p1[i];
+            p1[i] = corner;
+        }
+        sides[i] = p1[i] - p0[i];
+    }
     affine_t corner = affine_translation(p0), stretch = affine_scaling(sides);
     corner = affine_multiply(&corner, &stretch);
     return place(p, at, &corner, field);
@@ -253,7 +260,9 @@ result_t medium_cloud(pbrt_t *p, params_t *params, position_t at, blob_medium_t 
         field.origin[i] = (float)p0[i];
         field.span[i] = (float)sides[i];
         if (!(sides[i] >= 1e-6 && sides[i] <= 1e6 && fabs(p0[i]) <= 1e6))
-            return error_at(at, "p1 must be over p0 in each coordinate, and both within a million of 0");
+            return error_at(
+                at,
+                "p0 and p1 must differ by at least 1e-6 in each coordinate, and lie within a million of 0");
     }
     field.parameters[0] = (float)density;
     field.parameters[1] = (float)wispiness;

@@ -20,6 +20,7 @@ static result_t even_value(pbrt_t *p, params_t *params, const char *name, positi
 {
     TRY(scene_check_textures(p->builder, at));
     *mean = scene_value_mean(p->builder, value);
+    *mean = vec3(fmaxf(mean->x, 0), fmaxf(mean->y, 0), fmaxf(mean->z, 0)); /* as in pbrt */
     if (value->texture != 0)
         report_warning(
             p->report, params_where(params, name, at),

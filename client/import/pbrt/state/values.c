@@ -106,14 +106,15 @@ static result_t read_spectrum(pbrt_t *p, const params_t *owner, const param_t *i
     return result.code == RESULT_OK ? result : error_at(item->at, "%s", result.message);
 }
 
-/* Whether v3 names a file that is missing, which is black there. */
-static result_t find_spectrum(pbrt_t *p, const params_t *owner, const param_t *item, bool *missing)
+/* Whether v3 names a file that is missing, which is black there; `then` says what that does. */
+static result_t find_spectrum(pbrt_t *p, const params_t *owner, const param_t *item, const char *then,
+                              bool *missing)
 {
     *missing = false;
     if (p->dialect.dialect != DIALECT_V3 || !item->quoted || item->count != 1) return result_ok();
     char *path = pbrt_resolve(p, params_text(owner, item, 0));
     *missing = pbrt_is_missing(path);
-    result_t result = *missing ? pbrt_missing(p, item->at, path, "it is black") : result_ok();
+    result_t result = *missing ? pbrt_missing(p, item->at, path, then) : result_ok();
     free(path);
     return result;
 }
@@ -146,7 +147,7 @@ static result_t spectrum_value(pbrt_t *p, const params_t *owner, const param_t *
                                           [COLOUR_LIGHT] = SPECTRUM_EMISSION};
     spectrum_t spectrum;
     bool missing;
-    TRY(find_spectrum(p, owner, item, &missing));
+    TRY(find_spectrum(p, owner, item, "it is black", &missing));
     if (missing) return result_ok();
     TRY(read_spectrum(p, owner, item, name, &spectrum));
     value->factor = spectrum_colour(&spectrum, uses[use], rules_of(p));
@@ -275,6 +276,9 @@ result_t pbrt_index(pbrt_t *p, params_t *params, const char *name, blob_value_t 
     if (!item) return result_ok();
     if (item->type == PARAM_RGB) return index_of_rgb(p, owner, item, name, value);
     spectrum_t spectrum;
+    bool missing;
+    TRY(find_spectrum(p, owner, item, "the default is taken", &missing));
+    if (missing) return result_ok();
     TRY(read_spectrum(p, owner, item, name, &spectrum));
     *value = blob_constant((float)spectrum_at(&spectrum, SPECTRUM_D_LINE));
     if (spectrum.count > 1) keep_spectrum(p, &spectrum, 1, value);

@@ -138,6 +138,12 @@ static void what_varies_becomes_even_or_a_tint(void **state)
     assert_int_equal(bench.warning_count, 1);
     expect_text(bench.warnings, "s.pbrt:4:23: \"sigma_s\" varies, but what is below a surface is the same "
                                 "everywhere: its mean is taken, 2 3 5");
+    static const char image[] = "PF\n1 1\n-1\n\0\0\x80\x3f\0\0\x80\x3f\0\0\x80\x3f"; /* ones */
+    bench_write(&bench, "t.pfm", image, sizeof image - 1);
+    run(&bench, false,
+        "Texture \"t\" \"spectrum\" \"imagemap\" \"string filename\" \"t.pfm\" \"float scale\" -1\n"
+        "Material \"subsurface\" \"texture sigma_s\" \"t\"\n" SPHERE);
+    expect_vec3(medium(&bench, 0)->scattering, 0, 0, 0); /* not negative */
     bench_close(&bench);
 }
 

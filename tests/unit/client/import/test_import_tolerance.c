@@ -309,6 +309,8 @@ static void missing_files_have_what_v3_puts_in_their_place(void **state)
                 "n.spd: cannot be opened: No such file or directory; it is black, as by pbrt-v3");
     expect_vec3(colour_of(&bench, 0, VALUE_REFLECTANCE), 0, 0, 0);
     expect_vec3(colour_of(&bench, 0, VALUE_SIGMA), 0.214041, 0.214041, 0.214041); /* decoded */
+    expect_forgiven(&bench, V3("WorldBegin\nMaterial \"glass\" \"spectrum eta\" \"n.spd\"\n" SPHERE), "2:");
+    expect_text(bench.warnings, "the default is taken, as by pbrt-v3");
     expect_forgiven(&bench, V3("WorldBegin\nInclude \"no.pbrt\"\n" SPHERE), "2:1: ");
     expect_text(bench.warnings, "no.pbrt cannot be included: No such file or directory; it is left out");
     expect_refused(&bench, "WorldBegin\nInclude \"no.pbrt\"\n" SPHERE, "no.pbrt cannot be included");
