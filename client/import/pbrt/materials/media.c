@@ -302,6 +302,40 @@ static result_t place_camera(pbrt_t *p, position_t at)
     return find(p, p->camera_medium, &p->scene.medium);
 }
 
+/* Whether the medium of this number fills all space, as far as shapes say that let light through. */
+static bool is_endless(const pbrt_t *p, blob_ref_t medium)
+{
+    const blob_medium_t *record = blob_builder_records(p->builder->blob, BLOB_SECTION_MEDIA);
+    const blob_material_t *materials = blob_builder_records(p->builder->blob, BLOB_SECTION_MATERIALS);
+    if (medium == 0 || record[medium - 1].density != 0) return false;
+    for (uint32_t object = 0; object < p->builder->object_count; ++object) {
+        size_t count;
+        const blob_shape_t *shapes = scene_shapes(p->builder, object, &count);
+        for (size_t i = 0; i < count; ++i)
+            if (materials[shapes[i].material].kind == MATERIAL_INTERFACE &&
+                (shapes[i].media[0] == medium || shapes[i].media[1] == medium))
+                return false;
+    }
+    return true;
+}
+
+/* Light from infinity comes through empty space, which must begin somewhere. */
+static void check_ends(const pbrt_t *p, position_t at)
+{
+    blob_builder_t *blob = p->builder->blob;
+    const blob_light_t *lights = blob_builder_records(blob, BLOB_SECTION_LIGHTS);
+    for (uint32_t i = 0; i < blob_builder_count(blob, BLOB_SECTION_LIGHTS); ++i)
+        if (lights[i].kind == LIGHT_DISTANT || lights[i].kind == LIGHT_INFINITE) {
+            if (is_endless(p, p->scene.medium))
+                report_warning(
+                    p->report, at,
+                    "the camera stands in a medium without an end, and a light is at infinity: how much "
+                    "of it arrives is not defined; put a shape of an interface around all, with that "
+                    "medium inside and \"\" outside");
+            return;
+        }
+}
+
 result_t pbrt_finish_media(pbrt_t *p, position_t at)
 {
     TRY(place_camera(p, at));
@@ -311,6 +345,7 @@ result_t pbrt_finish_media(pbrt_t *p, position_t at)
         made = made || p->media[i].record != 0;
     }
     settle_all(p);
+    check_ends(p, at);
     if (!p->knows_media && made)
         report_warning(p->report, p->integrator_at.line ? p->integrator_at : at,
                        "the scene has media, which pbrt's integrator does not show; here they are shown, as "

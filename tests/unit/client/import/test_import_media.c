@@ -258,6 +258,35 @@ static void media_that_make_no_sense_are_errors(void **state)
 #undef GRID
 }
 
+/* Light from infinity gets through fog only where this ends. */
+static void fog_without_an_end_is_told(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *light, *outside, *more;
+        bool told;
+    } cases[] = {
+        {"distant", "a", "", true},
+        {"infinite", "a", "", true},
+        {"point", "a", "", false},
+        {"distant", "", "", false},
+        {"distant", "a", "MediumInterface \"a\" \"\"\nMaterial \"interface\"\n" SPHERE, false},
+    };
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        bench_t bench = {0};
+        char *text =
+            mem_printf("MakeNamedMedium \"a\" \"string type\" \"homogeneous\"\n"
+                       "MediumInterface \"\" \"%s\"\nCamera \"perspective\"\nFilm \"rgb\"\nWorldBegin\n"
+                       "LightSource \"%s\"\n" SPHERE "%s",
+                       cases[i].outside, cases[i].light, cases[i].more);
+        bench_run(&bench, text);
+        bench_expect_ok(&bench);
+        assert_true((strstr(bench.warnings, "a medium without an end") != NULL) == cases[i].told);
+        free(text);
+        bench_close(&bench);
+    }
+}
+
 static void emission_must_be_finite(void **state)
 {
     (void)state;
@@ -670,6 +699,7 @@ int main(void)
         cmocka_unit_test(media_glow),
         cmocka_unit_test(attributes_are_defaults_of_media),
         cmocka_unit_test(media_that_make_no_sense_are_errors),
+        cmocka_unit_test(fog_without_an_end_is_told),
         cmocka_unit_test(emission_must_be_finite),
         cmocka_unit_test(a_type_that_is_not_supported_is_an_error_where_it_is_used),
         cmocka_unit_test(pbrt_v3_forgets_what_is_not_made),
