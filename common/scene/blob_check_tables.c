@@ -20,9 +20,8 @@ typedef struct {
 
 static result_t check_numbers(const scene_blob_t *blob)
 {
-    const float largest = 1e9f; /* so that no sum of products overflows */
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_NUMBERS]; i++)
-        CHECK(fabsf(blob->numbers[i]) <= largest, "number %llu is not finite, or too large",
+        CHECK(fabsf(blob->numbers[i]) <= (float)BLOB_MAX_NUMBER, "number %llu is not finite, or too large",
               (unsigned long long)i);
     return result_ok();
 }
@@ -173,7 +172,7 @@ static result_t check_measured(const scene_blob_t *blob, const blob_measured_t *
 
 static bool is_rate(rgb_t c)
 {
-    const float largest = 1e9f; /* so that no sum of products overflows */
+    const float largest = (float)BLOB_MAX_NUMBER;
     return c.x >= 0 && c.x <= largest && c.y >= 0 && c.y <= largest && c.z >= 0 && c.z <= largest;
 }
 

@@ -11,6 +11,9 @@
 enum { BLOB_VERSION = 7 };
 #define BLOB_NONE 0xFFFFFFFFu
 #define BLOB_MAX_BYTES ((uint64_t)1 << 36)
+/* Of the numbers of tables and fields, and of the coefficients of media: so that no sum of products
+ * overflows. */
+#define BLOB_MAX_NUMBER 1e9
 enum {
     BLOB_MAX_IMAGE_SIDE = 65536,
     BLOB_BAND_ROWS = 32,          /* of an image; 32 x 32 pixels of 4 bytes are a page of memory */

@@ -327,7 +327,7 @@ static result_t apply_gain(pbrt_t *p, position_t at)
     }
     for (uint32_t i = 0; i < media; ++i) {
         TRY(gain(p, at, &medium[i].emission));
-        if (v_max(medium[i].emission) > 1e9f) /* as the blob has it */
+        if ((double)v_max(medium[i].emission) > BLOB_MAX_NUMBER)
             return error_at(p->film_at.line ? p->film_at : at,
                             "what a medium emits, times the film's exposure, is over 1e9");
     }

@@ -49,8 +49,6 @@ typedef uint32_t pnanovdb_grid_type_t;
 
 enum { TYPE = PNANOVDB_GRID_TYPE_FLOAT, SIDE = BLOB_BRICK_SIDE, BRICK = BLOB_BRICK_CELLS };
 enum { PENDING = 256, MOST_TILES = 1 << 16 };
-static const float largest = 1e9f; /* as the blob has it */
-
 typedef struct {
     const char *path, *name;
     scene_builder_t *scene;
@@ -86,7 +84,7 @@ static result_t check_brick(walk_t *w, float *numbers, bool *empty)
     float least = 0, most = 0;
     bool finite = true;
     for (int i = 0; i < BRICK; ++i) {
-        finite &= fabsf(numbers[i]) <= largest;
+        finite &= fabsf(numbers[i]) <= (float)BLOB_MAX_NUMBER;
         least = fminf(least, numbers[i]);
         most = fmaxf(most, numbers[i]);
     }
@@ -94,7 +92,7 @@ static result_t check_brick(walk_t *w, float *numbers, bool *empty)
         return result_fail(RESULT_INPUT,
                            "%s: a number of the grid \"%.60s\" is not finite, or over %g; repair it where it "
                            "was made",
-                           w->path, w->name, (double)largest);
+                           w->path, w->name, BLOB_MAX_NUMBER);
     if (least < 0 && !w->negative) {
         TRY(report_refuse(w->scene->report, w->at,
                           "%s: the grid \"%.60s\" has negative numbers; they are taken for 0", w->path,

@@ -608,13 +608,8 @@ static rgb_t bdpt_eye(sample_t *sample)
     vec3_t eye = walk.origin;
     for (;;) {
         vertex_t z;
-        rgb_t glow = walk.glow;
         if (walk_fly(&walk, sample, &z, &before)) take_flight(&b, &before);
-        if (!vertex_is_near(&z, b.setup)) {
-            walk.glow = glow;
-            break;
-        }
-        if (!walk_weigh(&walk, &z)) break;
+        if (!vertex_is_near(&z, b.setup) || !walk_weigh(&walk, &z)) break;
         hit_lights(&b, &walk, &z);
         bool ends = !vertex_has_room(&z, segments);
         if (z.kind == VERTEX_SKY || (ends && z.depth > 1)) break;

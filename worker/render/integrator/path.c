@@ -91,12 +91,8 @@ static rgb_t gather(sample_t *sample, walk_t *walk)
     walk_t before = {0};
     for (;;) {
         vertex_t z;
-        rgb_t glow = walk->glow;
         if (walk_fly(walk, sample, &z, &before)) add_flight(sample, &before, &radiance);
-        if (!vertex_is_near(&z, setup)) {
-            walk->glow = glow;
-            return radiance;
-        }
+        if (!vertex_is_near(&z, setup)) return radiance;
         if (vertex_light_count(&z, setup->lights) > 0)
             radiance = v_add(radiance, v_mul(z.throughput, emitted(sample, walk, &z)));
         bool ends = !vertex_has_room(&z, segments);

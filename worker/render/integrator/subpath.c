@@ -101,6 +101,7 @@ static void pass_media(walk_t *walk, sample_t *sample, bool hit, vertex_t *verte
 void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
 {
     bool hit = look_on(walk, sample, walk->origin, vertex);
+    rgb_t glow = walk->glow;
     vertex->kind = hit ? VERTEX_SURFACE : VERTEX_SKY;
     vertex->mode = walk->mode;
     vertex->depth = ++walk->depth;
@@ -115,6 +116,7 @@ void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
     if (sample->setup->media != NULL) pass_media(walk, sample, hit, vertex);
     vertex->length = walk->length;
     vertex->within = walk->within;
+    if (!vertex_is_near(vertex, sample->setup)) walk->glow = glow; /* of a segment that does not count */
     vertex->dimension = walk->dimension += DIMENSION_STRIDE;
     if (vertex->kind == VERTEX_SKY) {
         vertex->surface.p = walk->point;

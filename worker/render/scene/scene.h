@@ -64,7 +64,8 @@ bool scene_intersect(const scene_t *scene, vec3_t origin, vec3_t direction, floa
 bool scene_look(const scene_t *scene, vec3_t origin, vec3_t direction, float time, surface_t *surface);
 /* True when there are borders of media, which stop no light (MATERIAL_INTERFACE). */
 bool scene_has_borders(const scene_t *scene);
-/* Finds the first of them along a ray, up to a distance; there must be some. Or finds another surface. */
+/* Finds the first of them along a ray, up to a distance; there must be some. Where one of them lies in an
+ * instance, any surface may be found. */
 bool scene_find_border(const scene_t *scene, vec3_t origin, vec3_t direction, float distance, float time,
                        surface_t *surface);
 void scene_details(const scene_t *scene, const surface_t *surface, surface_details_t *details);

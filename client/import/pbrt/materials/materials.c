@@ -385,7 +385,7 @@ result_t pbrt_shape_material(pbrt_t *p, params_t *shape_params, uint32_t *index)
     params_set_fallback(shape_params, NULL);
     TRY(result);
     if (params_unread(shape_params) < unread) *index = append(p, material, record);
-    p->has_body = false;
+    p->has_body = false; /* of a material that the shape does not change */
     return result_ok();
 }
 

@@ -13,7 +13,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-static const double largest = 1e9; /* coefficients, as the blob has them */
 enum { LATE = 1u << 31 };
 
 /* ---- names --------------------------------------------------------------------------------------------- */
@@ -62,7 +61,7 @@ static result_t find(pbrt_t *p, uint32_t entry, blob_ref_t *ref)
 
 static bool is_rate(rgb_t c)
 {
-    return c.x >= 0 && c.y >= 0 && c.z >= 0 && (double)v_max(c) <= largest;
+    return c.x >= 0 && c.y >= 0 && c.z >= 0 && (double)v_max(c) <= BLOB_MAX_NUMBER;
 }
 
 /* The coefficients of a medium that names a preset, or of one that says nothing. */
@@ -97,7 +96,7 @@ static result_t scale_coefficients(params_t *params, position_t at, blob_medium_
     medium->absorption = v_scale(medium->absorption, (float)scale);
     medium->scattering = v_scale(medium->scattering, (float)scale);
     if (is_rate(medium->absorption) && is_rate(medium->scattering)) return result_ok();
-    return error_at(at, "sigma_a and sigma_s, times the scale, must be from 0 to %g", largest);
+    return error_at(at, "sigma_a and sigma_s, times the scale, must be from 0 to %g", BLOB_MAX_NUMBER);
 }
 
 /* In v4 a preset goes before coefficients, which are left unread. */
@@ -123,7 +122,8 @@ static result_t read_emission(pbrt_t *p, params_t *params, position_t at, double
     TRY(pbrt_colour(p, params, "Le", COLOUR_LIGHT, &radiance));
     medium->emission = v_scale(v_mul(medium->absorption, radiance), (float)scale);
     if (is_rate(medium->emission)) return result_ok();
-    return error_at(params_where(params, "Le", at), "Le, times sigma_a, must be from 0 to %g", largest);
+    return error_at(params_where(params, "Le", at), "Le, times sigma_a, must be from 0 to %g",
+                    BLOB_MAX_NUMBER);
 }
 
 /* ---- the types ----------------------------------------------------------------------------------------- */
@@ -319,21 +319,12 @@ static bool is_endless(const pbrt_t *p, blob_ref_t medium)
     return true;
 }
 
-/* Light from infinity comes through empty space, which must begin somewhere. */
-static void check_ends(const pbrt_t *p, position_t at)
+static bool has_light_at_infinity(const pbrt_t *p)
 {
-    blob_builder_t *blob = p->builder->blob;
-    const blob_light_t *lights = blob_builder_records(blob, BLOB_SECTION_LIGHTS);
-    for (uint32_t i = 0; i < blob_builder_count(blob, BLOB_SECTION_LIGHTS); ++i)
-        if (lights[i].kind == LIGHT_DISTANT || lights[i].kind == LIGHT_INFINITE) {
-            if (is_endless(p, p->scene.medium))
-                report_warning(
-                    p->report, at,
-                    "the camera stands in a medium without an end, and a light is at infinity: how much "
-                    "of it arrives is not defined; put a shape of an interface around all, with that "
-                    "medium inside and \"\" outside");
-            return;
-        }
+    const blob_light_t *lights = blob_builder_records(p->builder->blob, BLOB_SECTION_LIGHTS);
+    for (uint32_t i = 0; i < blob_builder_count(p->builder->blob, BLOB_SECTION_LIGHTS); ++i)
+        if (lights[i].kind == LIGHT_DISTANT || lights[i].kind == LIGHT_INFINITE) return true;
+    return scene_gets_environment(p->builder);
 }
 
 result_t pbrt_finish_media(pbrt_t *p, position_t at)
@@ -345,7 +336,12 @@ result_t pbrt_finish_media(pbrt_t *p, position_t at)
         made = made || p->media[i].record != 0;
     }
     settle_all(p);
-    check_ends(p, at);
+    if (is_endless(p, p->scene.medium) && has_light_at_infinity(p))
+        report_warning(
+            p->report, at,
+            "the camera stands in a medium without an end, and a light is at infinity: how much of it "
+            "arrives is not defined; put a shape of an interface around all, with that medium inside "
+            "and \"\" outside");
     if (!p->knows_media && made)
         report_warning(p->report, p->integrator_at.line ? p->integrator_at : at,
                        "the scene has media, which pbrt's integrator does not show; here they are shown, as "

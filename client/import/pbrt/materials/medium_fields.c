@@ -8,8 +8,6 @@
 #include <math.h>
 #include <stdlib.h>
 
-static const double largest = 1e9; /* numbers of fields, as the blob has them */
-
 static blob_ref_t add_field(pbrt_t *p, const blob_field_t *field)
 {
     return 1 + blob_builder_add(p->builder->blob, BLOB_SECTION_FIELDS, field, 1);
@@ -106,10 +104,10 @@ static result_t add_numbers(pbrt_t *p, params_t *params, const char *name, const
     for (size_t i = 0; i < count; ++i) {
         cells[i] = (float)numbers[i];
         *most = fmax(*most, numbers[i]);
-        if (numbers[i] >= 0 && numbers[i] <= largest) continue;
+        if (numbers[i] >= 0 && numbers[i] <= BLOB_MAX_NUMBER) continue;
         free(cells);
         return error_at(params_where(params, name, at), "%s number %zu is %g, but must be from 0 to %g", name,
-                        i, numbers[i], largest);
+                        i, numbers[i], BLOB_MAX_NUMBER);
     }
     field.first = blob_builder_add(p->builder->blob, BLOB_SECTION_NUMBERS, cells, count);
     free(cells);
@@ -147,9 +145,9 @@ static result_t read_kelvins(params_t *params, position_t at, double *offset, do
 {
     *offset = 0;
     *scale = 1;
-    TRY(params_float_in(params, "temperaturecutoff", -largest, largest, offset));
-    TRY(params_float_in(params, "temperatureoffset", -largest, largest, offset));
-    TRY(params_float_in(params, "temperaturescale", 0, largest, scale));
+    TRY(params_float_in(params, "temperaturecutoff", -BLOB_MAX_NUMBER, BLOB_MAX_NUMBER, offset));
+    TRY(params_float_in(params, "temperatureoffset", -BLOB_MAX_NUMBER, BLOB_MAX_NUMBER, offset));
+    TRY(params_float_in(params, "temperaturescale", 0, BLOB_MAX_NUMBER, scale));
     if (*scale > 0) return result_ok();
     return error_at(params_where(params, "temperaturescale", at), "temperaturescale must be over 0");
 }
@@ -209,9 +207,9 @@ static result_t add_colours(pbrt_t *p, params_t *params, const char *name, posit
     for (size_t i = 0; i < count && result.code == RESULT_OK; ++i) {
         const double *v = numbers + 3 * i;
         rgb_t c = pbrt_srgb(p, vec3((float)v[0], (float)v[1], (float)v[2]), emitted);
-        if (!(v[0] >= 0 && v[1] >= 0 && v[2] >= 0) || !((double)v_max(c) <= largest))
+        if (!(v[0] >= 0 && v[1] >= 0 && v[2] >= 0) || !((double)v_max(c) <= BLOB_MAX_NUMBER))
             result = error_at(at, "colour number %zu of \"%s\" is (%g %g %g), but must be from 0 to %g", i,
-                              name, v[0], v[1], v[2], largest);
+                              name, v[0], v[1], v[2], BLOB_MAX_NUMBER);
         cells[3 * i] = fmaxf(c.x, 0), cells[3 * i + 1] = fmaxf(c.y, 0), cells[3 * i + 2] = fmaxf(c.z, 0);
     }
     field.channels = 3;
@@ -239,9 +237,9 @@ result_t medium_tints(pbrt_t *p, params_t *params, position_t at, blob_medium_t 
     if (medium->absorption_tint == 0)
         return error_at(params_where(params, "Le", at), "an rgbgrid with \"Le\" needs \"sigma_a\"");
     medium->emission = v_scale(medium->absorption, (float)(scale * SPECTRUM_LUMINANCE_OF_1));
-    if (!((double)v_max(medium->emission) <= largest))
+    if (!((double)v_max(medium->emission) <= BLOB_MAX_NUMBER))
         return error_at(params_where(params, "Lescale", at), "Lescale, times the scale, must be at most %g",
-                        largest / SPECTRUM_LUMINANCE_OF_1);
+                        BLOB_MAX_NUMBER / SPECTRUM_LUMINANCE_OF_1);
     return add_colours(p, params, "Le", at, true, field, &medium->emission_tint);
 }
 
@@ -252,9 +250,9 @@ result_t medium_cloud(pbrt_t *p, params_t *params, position_t at, blob_medium_t 
 {
     double density = 1, wispiness = 1, frequency = 5, p0[3], sides[3];
     blob_field_t field = {.kind = FIELD_CLOUD, .channels = 1};
-    TRY(params_float_in(params, "density", 0, largest, &density));
-    TRY(params_float_in(params, "wispiness", 0, largest, &wispiness));
-    TRY(params_float_in(params, "frequency", -largest, largest, &frequency));
+    TRY(params_float_in(params, "density", 0, BLOB_MAX_NUMBER, &density));
+    TRY(params_float_in(params, "wispiness", 0, BLOB_MAX_NUMBER, &wispiness));
+    TRY(params_float_in(params, "frequency", -BLOB_MAX_NUMBER, BLOB_MAX_NUMBER, &frequency));
     TRY(read_box(p, params, at, p0, sides, &field));
     for (int i = 0; i < 3; ++i) {
         field.origin[i] = (float)p0[i];
@@ -299,15 +297,15 @@ static result_t read_files(pbrt_t *p, params_t *params, position_t at, const cha
     TRY(params_string(params, "gridname", &density));
     TRY(params_string(params, "temperaturename", &temperature));
     TRY(read_kelvins(params, at, &offset, &scale));
-    TRY(params_float_in(params, "Lescale", 0, largest, &emission_scale));
+    TRY(params_float_in(params, "Lescale", 0, BLOB_MAX_NUMBER, &emission_scale));
     TRY(add_file(p, at, path, density, &medium->density, &most));
     if (medium->density == 0)
         return error_at(at, "%s: there is no grid \"%.60s\", or it has no active voxels", path, density);
     TRY(add_file(p, at, path, temperature, &warm, &hottest));
     if (warm != 0) add_glow(p, offset, scale, hottest, warm, emission_scale, medium);
-    if ((double)v_max(medium->emission) <= largest) return result_ok();
+    if ((double)v_max(medium->emission) <= BLOB_MAX_NUMBER) return result_ok();
     return error_at(params_where(params, "Lescale", at), "Lescale, times sigma_a, must be at most %g",
-                    largest);
+                    BLOB_MAX_NUMBER);
 }
 
 result_t medium_nanovdb(pbrt_t *p, params_t *params, position_t at, blob_medium_t *medium)

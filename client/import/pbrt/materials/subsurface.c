@@ -7,8 +7,6 @@
 #include "client/import/scene/half_space.h"
 #include "client/import/scene/texture_range.h"
 
-static const double largest = 1e9; /* coefficient, as the blob has them */
-
 static rgb_t times(rgb_t colour, double factor)
 {
     return v_scale(colour, (float)factor);
@@ -19,8 +17,7 @@ static result_t even_value(pbrt_t *p, params_t *params, const char *name, positi
                            const blob_value_t *value, rgb_t *mean)
 {
     TRY(scene_check_textures(p->builder, at));
-    *mean = scene_value_mean(p->builder, value);
-    *mean = vec3(fmaxf(mean->x, 0), fmaxf(mean->y, 0), fmaxf(mean->z, 0)); /* as in pbrt */
+    *mean = v_high(scene_value_mean(p->builder, value), vec3(0, 0, 0)); /* as in pbrt */
     if (value->texture != 0)
         report_warning(
             p->report, params_where(params, name, at),
@@ -50,12 +47,12 @@ static result_t read_g(pbrt_t *p, params_t *params, position_t at)
 static result_t set_body(pbrt_t *p, position_t at, rgb_t absorption, rgb_t scattering)
 {
     bool valid = v_is_finite(absorption) && v_is_finite(scattering) &&
-                 fmaxf(v_max(absorption), v_max(scattering)) <= (float)largest;
+                 fmaxf(v_max(absorption), v_max(scattering)) <= (float)BLOB_MAX_NUMBER;
     if (!valid)
         return error_at(at,
                         "below this surface light would be absorbed or scattered more than %g times "
                         "per unit; is the scale right?",
-                        largest);
+                        BLOB_MAX_NUMBER);
     p->body.absorption = absorption;
     p->body.scattering = scattering;
     p->has_body = true;

@@ -106,15 +106,15 @@ static result_t read_spectrum(pbrt_t *p, const params_t *owner, const param_t *i
     return result.code == RESULT_OK ? result : error_at(item->at, "%s", result.message);
 }
 
-/* Whether v3 names a file that is missing, which is black there; `then` says what that does. */
-static result_t find_spectrum(pbrt_t *p, const params_t *owner, const param_t *item, const char *then,
+/* Whether v3 names a file that is missing: a slip, which does what `does` says. */
+static result_t find_spectrum(pbrt_t *p, const params_t *owner, const param_t *item, const char *does,
                               bool *missing)
 {
     *missing = false;
     if (p->dialect.dialect != DIALECT_V3 || !item->quoted || item->count != 1) return result_ok();
     char *path = pbrt_resolve(p, params_text(owner, item, 0));
     *missing = pbrt_is_missing(path);
-    result_t result = *missing ? pbrt_missing(p, item->at, path, then) : result_ok();
+    result_t result = *missing ? pbrt_missing(p, item->at, path, does) : result_ok();
     free(path);
     return result;
 }
