@@ -331,11 +331,15 @@ static void leaves_hide_no_borders(void **state)
 #define SQUARE4(side, z, more)                                                                               \
     "Shape \"trianglemesh\" \"integer indices\" [0 1 2 0 2 3] \"point3 P\" [-" side " -" side " " z          \
     " -" side " " side " " z " " side " " side " " z " " side " -" side " " z "] " more "\n"
-#define WALL_AND_LEAF4 GREY4 SQUARE4("1.2", "1", "") SQUARE4("9", "-0.2", "\"float alpha\" [0.5]")
+#define WALL_AND_LEAF4(z) GREY4 SQUARE4("1.2", "1", "") SQUARE4("9", z, "\"float alpha\" [0.5]")
 #define PLACED(thing) "ObjectBegin \"thing\"\n" thing "ObjectEnd\nObjectInstance \"thing\"\n"
-    assert_true(check_truth("shade of a placed slab", EVEN(ABSORBS SCATTERS),
-                            CLEAR4 SUN4 WALL_AND_LEAF4 PLACED(SLAB4("Translate 0 0 -1.5\nScale 2 2 1\n")), 1,
-                            lost_before_leaf, samples));
+#define PLACED_SLAB4 PLACED(SLAB4("Translate 0 0 -1.5\nScale 2 2 1\n"))
+    bool holds = check_truth("leaf before a slab", EVEN(ABSORBS SCATTERS),
+                             CLEAR4 SUN4 WALL_AND_LEAF4("-0.2") PLACED_SLAB4, 1, lost_before_leaf, samples);
+    holds = check_truth("leaf in a slab", EVEN(ABSORBS SCATTERS),
+                        CLEAR4 SUN4 WALL_AND_LEAF4("-1.5") PLACED_SLAB4, 1, lost_before_leaf, samples) &&
+            holds;
+    assert_true(holds);
 }
 
 static double lost_in_ramp(double x, double y, int c)

@@ -147,6 +147,21 @@ static void what_varies_becomes_even_or_a_tint(void **state)
     bench_close(&bench);
 }
 
+/* Not even where a shape has made it once more, for a parameter that nothing knows. */
+static void other_materials_have_no_body(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, false,
+        "MakeNamedMaterial \"n\" \"string type\" \"none\"\nNamedMaterial \"n\"\n" SPHERE
+        "Material \"subsurface\"\nShape \"sphere\" \"float foo\" 1\n"
+        "NamedMaterial \"n\"\nAreaLightSource \"diffuse\"\n" SPHERE);
+    assert_int_equal(count_of(&bench, BLOB_SECTION_MEDIA), 1);
+    assert_int_equal(bench.blob.materials[shape(&bench, 0)->material].body, 1);
+    assert_int_equal(bench.blob.materials[shape(&bench, 1)->material].body, 0);
+    bench_close(&bench);
+}
+
 /* Outside is what the interface in force has there, inside is the body, whatever it says; also of an object's
  * shapes, and of a material that comes later. */
 static void bodies_lie_inside_their_shapes(void **state)
@@ -351,6 +366,7 @@ int main(void)
         cmocka_unit_test(coefficients_are_taken_as_they_are),
         cmocka_unit_test(a_colour_becomes_a_medium_that_has_it),
         cmocka_unit_test(what_varies_becomes_even_or_a_tint),
+        cmocka_unit_test(other_materials_have_no_body),
         cmocka_unit_test(bodies_lie_inside_their_shapes),
         cmocka_unit_test(bodies_keep_to_pbrts_side),
         cmocka_unit_test(a_mix_has_the_body_of_its_part),
