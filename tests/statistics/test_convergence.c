@@ -216,6 +216,43 @@ static void images_that_learn_are_right_on_average(void **state)
     test_scene_end(&scene);
 }
 
+/* Tiles that cut the blocks of light subpaths, most of which a plan leaves out: a sample brings as many
+ * splats in each tile. Splats are divided by the samples of all tiles, and an adaptive image has more in
+ * some. */
+static void all_tiles_bring_light(void **state)
+{
+    (void)state;
+    enum { SIDE = 32, FIRST = 32, SAMPLES = 32 };
+    test_scene_t scene = lamp_scene(SIDE, 0.25f, 0.3f, false);
+    job_settings_t settings = blob_default_settings(&scene.blob);
+    settings.tile_size = SIDE / 2;
+    settings.spp = FIRST;
+    settings.learn = true;
+    batch_t batch;
+    renderer_t *renderer;
+    unit_result_t result = {0};
+    atomic_bool cancel = false;
+    double brought[TILES] = {0}, mean = 0;
+    render_batch_here(&scene.blob, &settings, &batch);
+    settings.spp = FIRST + SAMPLES;
+    assert_int_equal(renderer_new(&scene.blob, &settings, &renderer).code, RESULT_OK);
+    plan_here(renderer, &settings, learning_pass(&settings, FIRST), batch_frame(&batch, SUM_LESSONS));
+    for (uint32_t tile = 0; tile < TILES; tile++) {
+        unit_t unit = {tile, FIRST, SAMPLES};
+        assert_true(renderer_unit(renderer, &unit, &result, &cancel));
+        for (size_t i = 0; i < result.splat_count; i++) brought[tile] += (double)result.splats[i].rgb[1];
+        mean += brought[tile] / TILES;
+    }
+    for (uint32_t tile = 0; tile < TILES; tile++) {
+        print_message("tile %u brings %.3f of what a tile brings\n", tile, brought[tile] / mean);
+        assert_float_equal(brought[tile] / mean, 1, 0.2);
+    }
+    unit_result_free(&result);
+    renderer_destroy(&renderer);
+    batch_free(&batch);
+    test_scene_end(&scene);
+}
+
 /* A ball in front of nothing: the noise is in a part of the image. */
 static void adaptive_images_are_better(void **state)
 {
@@ -289,6 +326,7 @@ int main(int argc, char **argv)
     const struct CMUnitTest tests[] = {cmocka_unit_test(the_error_that_ends_a_job_is_the_error),
                                        cmocka_unit_test(adaptive_images_are_right_on_average),
                                        cmocka_unit_test(images_that_learn_are_right_on_average),
+                                       cmocka_unit_test(all_tiles_bring_light),
                                        cmocka_unit_test(adaptive_images_are_better),
                                        cmocka_unit_test(planned_images_are_reproducible)};
     return cmocka_run_group_tests_name("convergence", tests, NULL, NULL);

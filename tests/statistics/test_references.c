@@ -8,9 +8,11 @@
 
 #include <setjmp.h>
 #include <stdarg.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -67,7 +69,6 @@ static const case_t cases[] = {
     {"cornell", "scene.pbrt", INTEGRATOR_BDPT, 128},
     {"caustic", "scene.pbrt", INTEGRATOR_BDPT, 512},
     {"lights-delta", "scene.pbrt", INTEGRATOR_BDPT, 256},
-    {"lights-delta", "scene-v4.pbrt", INTEGRATOR_BDPT, 256},
     {"lights-env", "scene.pbrt", INTEGRATOR_BDPT, 256},
     {"materials", "scene.pbrt", INTEGRATOR_BDPT, 128},
     {"textures", "scene.pbrt", INTEGRATOR_BDPT, 128},
@@ -89,6 +90,7 @@ static const case_t more_cases[] = {
     {"seed-specular", "scene.pbrt", INTEGRATOR_PATH, 512},
     {"cornell", "scene-v4.pbrt", INTEGRATOR_BDPT, 64},
     {"caustic", "scene-v4.pbrt", INTEGRATOR_BDPT, 512},
+    {"lights-delta", "scene-v4.pbrt", INTEGRATOR_BDPT, 256},
     {"lights-delta", "scene.pbrt", INTEGRATOR_LIGHT, 512},
     {"lights-env", "scene.pbrt", INTEGRATOR_PATH, 512},
     {"materials", "scene.pbrt", INTEGRATOR_PATH, 512},
@@ -154,24 +156,25 @@ static bool check(const case_t *c)
     return holds;
 }
 
-/* Renders every `step`-th of the cases from `first` on; returns how many differ. */
-static int check_some(const case_t *some, size_t count, size_t first, size_t step)
+/* Which of both tables' cases are rendered: with how many samples, 0: not at all. */
+static uint32_t samples_wanted(const case_t *c, bool more)
 {
-    int differing = 0;
-    for (size_t i = first; i < count; i += step) {
-        case_t c = some[i];
-        if (SPARSER > 1 && c.integrator != INTEGRATOR_BDPT) continue;
-        c.spp /= SPARSER > 1 ? SPARSER : wanted ? 1 : 2;
-        if (wanted == NULL || strcmp(wanted, "all") == 0 || strcmp(wanted, c.scene) == 0)
-            differing += !check(&c);
-    }
-    return differing;
+    if (wanted == NULL ? more : strcmp(wanted, "all") != 0 && strcmp(wanted, c->scene) != 0) return 0;
+    if (SPARSER > 1) return c->integrator == INTEGRATOR_BDPT ? c->spp / SPARSER : 0;
+    return wanted ? c->spp : c->spp / 2;
 }
 
-static int check_cases(size_t first, size_t step)
+/* Renders the cases, as long as no other process has taken the next; returns how many differ. The last in
+ * the table, which take longest, come first. */
+static int check_cases(atomic_uint *taken)
 {
-    int differing = check_some(cases, ARRAY_LENGTH(cases), first, step);
-    if (wanted != NULL) differing += check_some(more_cases, ARRAY_LENGTH(more_cases), first, step);
+    int differing = 0;
+    for (unsigned i; (i = atomic_fetch_add(taken, 1)) < ARRAY_LENGTH(cases) + ARRAY_LENGTH(more_cases);) {
+        bool more = i >= ARRAY_LENGTH(cases);
+        case_t c = more ? more_cases[i - ARRAY_LENGTH(cases)] : cases[ARRAY_LENGTH(cases) - 1 - i];
+        c.spp = samples_wanted(&c, more);
+        if (c.spp > 0) differing += !check(&c);
+    }
     return differing;
 }
 
@@ -180,11 +183,13 @@ static void scenes_agree(void **state)
 {
     (void)state;
     size_t processes = (size_t)sysconf(_SC_NPROCESSORS_ONLN);
+    atomic_uint *taken = mmap(NULL, sizeof *taken, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    assert_true(taken != MAP_FAILED);
     for (size_t k = 0; k < processes; k++) {
         fflush(NULL);
         pid_t child = fork();
         assert_true(child >= 0);
-        if (child == 0) _exit(check_cases(k, processes) == 0 && fflush(NULL) == 0 ? 0 : 1);
+        if (child == 0) _exit(check_cases(taken) == 0 && fflush(NULL) == 0 ? 0 : 1);
     }
     int failures = 0, status;
     for (size_t k = 0; k < processes; k++) {
@@ -192,6 +197,7 @@ static void scenes_agree(void **state)
         failures += !(WIFEXITED(status) && WEXITSTATUS(status) == 0);
     }
     assert_int_equal(failures, 0);
+    munmap(taken, sizeof *taken);
 }
 
 /* The test must tell a wrong image: a camera pushed off by one pixel, a light dimmer by 1 %. */

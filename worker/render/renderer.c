@@ -229,13 +229,21 @@ static sampler_t numbers_of(const sample_t *sample)
     return sampler_new(settings->sampler, settings->seed, number_of(sample), sample->sample);
 }
 
-/* How many light subpaths the block of this first sample has: as many as the share says, on average. */
-static int count_light_subpaths(const sample_t *first, int pixels)
+/* The light subpaths that the block of a first sample has: as many as the share says, on average. Subpath i
+ * brings its splats with pixel (i + turn) % pixels of the block, and so with the tile of that pixel. The turn
+ * gives each pixel the same chance to have one: a film that is divided by the samples of all tiles, of which
+ * some have more, needs that of tiles which cut a block. */
+typedef struct {
+    int count, turn;
+} light_subpaths_t;
+
+static light_subpaths_t light_subpaths_of(const sample_t *first, int pixels)
 {
     float share = first->setup->light_share;
-    if (!(share < 1)) return pixels;
-    float u = sample_2d(first, DIMENSION_EYE + DIMENSION_LIGHT_COUNT).x;
-    return int_min((int)(share * (float)pixels + u), pixels);
+    if (!(share < 1)) return (light_subpaths_t){.count = pixels};
+    vec2_t u = sample_2d(first, DIMENSION_EYE + DIMENSION_LIGHT_COUNT);
+    return (light_subpaths_t){.count = int_min((int)(share * (float)pixels + u.x), pixels),
+                              .turn = int_min((int)(u.y * (float)pixels), pixels - 1)};
 }
 
 /* The light half of the samples of a block, whose first one it is. */
@@ -243,13 +251,15 @@ static void trace_light(const integrator_ops_t *integrator, const block_t *block
                         const sample_t *first)
 {
     const job_settings_t *settings = &first->setup->settings;
-    int pixels = block_pixels(block), count = count_light_subpaths(first, pixels);
+    int pixels = block_pixels(block);
+    light_subpaths_t subpaths = light_subpaths_of(first, pixels);
     light_pool_reset(first->pool, pixels);
-    for (int i = 0; i < count; i++) {
-        sample_t sample = sample_of(first, block, i);
+    for (int i = 0; i < subpaths.count; i++) {
+        sample_t sample = sample_of(first, block, i),
+                 bringer = sample_of(first, block, (i + subpaths.turn) % pixels);
         sample.numbers = sampler_new_member(settings->sampler, settings->seed, number_of(first),
                                             sample.sample, (uint32_t)i);
-        integrator->light(&sample, rect_has(tile, (int)sample.pixel_x, (int)sample.pixel_y));
+        integrator->light(&sample, rect_has(tile, (int)bringer.pixel_x, (int)bringer.pixel_y));
     }
 }
 
