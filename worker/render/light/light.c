@@ -329,6 +329,7 @@ static uint32_t choose_near(const lights_t *lights, vec3_t point, float *choice,
 float lights_nearness(const lights_t *lights, uint32_t number, vec3_t point)
 {
     if (lights->tree == NULL || kinds[lights->lights[number].record->kind]->box == NULL) return 1;
+    if (!(power_chance(lights, number) > 0)) return 1; /* a picture, which the tree does not have */
     return nearness_of(lights, number, light_tree_chance(lights->tree, number, point));
 }
 

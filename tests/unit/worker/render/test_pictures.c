@@ -146,6 +146,17 @@ static void a_picture_shades_nothing(void **state)
     }
 }
 
+/* Lamps behind the sheet, which lets nothing through: so many that lights are chosen by a tree. */
+static void add_lamps(test_scene_t *scene)
+{
+    for (int k = 0; k < 12; k++) {
+        blob_light_t bulb = {.kind = LIGHT_POINT,
+                             .radiance = blob_constant(4),
+                             .world_from_light = {{{1, 0, 0, (float)k - 6}, {0, 1, 0, 0}, {0, 0, 1, 5}}}};
+        blob_builder_add(scene->builder, BLOB_SECTION_LIGHTS, &bulb, 1);
+    }
+}
+
 /* A mirror shows it, twice mirrored as well; what is rough does not, nor does light tracing see mirrors. */
 static void mirrors_show_pictures(void **state)
 {
@@ -153,12 +164,17 @@ static void mirrors_show_pictures(void **state)
     static const struct {
         material_kind_t kind;
         float roughness, shown;
-    } cases[] = {{MATERIAL_MIRROR, 0, 0.9f}, {MATERIAL_DIFFUSE, 0, 0}, {MATERIAL_GLTF, 0.5f, 0}};
+        bool lamps;
+    } cases[] = {{MATERIAL_MIRROR, 0, 0.9f, false},
+                 {MATERIAL_MIRROR, 0, 0.9f, true},
+                 {MATERIAL_DIFFUSE, 0, 0, false},
+                 {MATERIAL_GLTF, 0.5f, 0, false}};
     for (size_t k = 0; k < ARRAY_LENGTH(cases); k++) {
         test_scene_t scene = test_scene_begin(vec3(0, 0, -3), 60, SIDE);
         uint32_t sheet = add_material(&scene, cases[k].kind, 0.9f, cases[k].roughness);
         test_scene_rectangle(&scene, vec3(-9, -9, 1), vec3(0, 18, 0), vec3(18, 0, 0), sheet, black);
         add_picture(&scene, vec3(-0.75f, -0.75f, -4), true);
+        if (cases[k].lamps) add_lamps(&scene);
         finish(&scene, 5);
         for (integrator_t i = INTEGRATOR_BDPT; i <= INTEGRATOR_LIGHT; i++) {
             film_t *film = render(&scene, i);
