@@ -5,13 +5,16 @@
  * v4 it cannot, but may come later: a reference to such a medium is LATE and an entry, until the end. */
 #include "client/import/pbrt/materials/media.h"
 
+#include "client/import/pbrt/materials/materials.h"
 #include "client/import/pbrt/materials/medium_fields.h"
 #include "client/import/pbrt/materials/named_media.h"
 #include "client/import/pbrt/state/arguments.h"
 #include "client/import/pbrt/state/values.h"
+#include "client/import/scene/mesh.h"
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 enum { LATE = 1u << 31 };
 
@@ -302,12 +305,10 @@ static result_t place_camera(pbrt_t *p, position_t at)
     return find(p, p->camera_medium, &p->scene.medium);
 }
 
-/* Whether the medium of this number fills all space, as far as shapes say that let light through. */
-static bool is_endless(const pbrt_t *p, blob_ref_t medium)
+/* Whether no shape that lets light through says where a medium ends. */
+static bool is_open(const pbrt_t *p, blob_ref_t medium)
 {
-    const blob_medium_t *record = blob_builder_records(p->builder->blob, BLOB_SECTION_MEDIA);
     const blob_material_t *materials = blob_builder_records(p->builder->blob, BLOB_SECTION_MATERIALS);
-    if (medium == 0 || record[medium - 1].density != 0) return false;
     for (uint32_t object = 0; object < p->builder->object_count; ++object) {
         size_t count;
         const blob_shape_t *shapes = scene_shapes(p->builder, object, &count);
@@ -319,12 +320,58 @@ static bool is_endless(const pbrt_t *p, blob_ref_t medium)
     return true;
 }
 
+/* Puts an interface around a grid: the faces of its box. Light from infinity gets in there, which would start
+ * beside the grid otherwise. */
+static result_t enclose(pbrt_t *p, blob_ref_t medium, const blob_field_t *field, position_t at)
+{
+    static const blob_triangle_t faces[12] = {{{0, 2, 1}}, {{1, 2, 3}}, {{4, 5, 6}}, {{5, 7, 6}},
+                                              {{0, 1, 4}}, {{1, 5, 4}}, {{2, 6, 3}}, {{3, 6, 7}},
+                                              {{0, 4, 2}}, {{2, 4, 6}}, {{1, 3, 5}}, {{3, 7, 5}}};
+    affine_t world_from_box;
+    for (size_t i = 0; i < 12; ++i) world_from_box.m[i / 4][i % 4] = field->world_from_field.m[i / 4][i % 4];
+    mesh_t mesh = {.vertex_count = 8, .triangle_count = ARRAY_LENGTH(faces)};
+    mesh.positions = mem_alloc(mesh.vertex_count * sizeof *mesh.positions);
+    mesh.triangles = mem_alloc(sizeof faces);
+    memcpy(mesh.triangles, faces, sizeof faces);
+    for (int i = 0; i < 8; ++i)
+        mesh.positions[i] = vec3((float)(i & 1), (float)(i >> 1 & 1), (float)(i >> 2));
+    blob_shape_t shape = {.material = pbrt_interface_material(p),
+                          .media = {medium, 0},
+                          .alpha = blob_constant(1),
+                          .shadow_alpha = blob_constant(1)};
+    TRY(mesh_add(p->builder, &mesh, &world_from_box, false, at, &shape));
+    shape.flags |= SHAPE_INTERFACE;
+    if (shape.geometry != BLOB_NONE) scene_add_shape(p->builder, 0, shape, NULL);
+    return result_ok();
+}
+
 static bool has_light_at_infinity(const pbrt_t *p)
 {
     const blob_light_t *lights = blob_builder_records(p->builder->blob, BLOB_SECTION_LIGHTS);
     for (uint32_t i = 0; i < blob_builder_count(p->builder->blob, BLOB_SECTION_LIGHTS); ++i)
         if (lights[i].kind == LIGHT_DISTANT || lights[i].kind == LIGHT_INFINITE) return true;
     return scene_gets_environment(p->builder);
+}
+
+/* What is about the camera, and has no border. */
+static result_t end_camera_medium(pbrt_t *p, position_t at)
+{
+    const blob_medium_t *records = blob_builder_records(p->builder->blob, BLOB_SECTION_MEDIA);
+    const blob_medium_t *record = &records[p->scene.medium - 1];
+    blob_ref_t box = record->density != 0           ? record->density
+                     : record->absorption_tint != 0 ? record->absorption_tint
+                                                    : record->scattering_tint;
+    if (box != 0) {
+        const blob_field_t *fields = blob_builder_records(p->builder->blob, BLOB_SECTION_FIELDS);
+        return enclose(p, p->scene.medium, &fields[box - 1], at);
+    }
+    if (has_light_at_infinity(p))
+        report_warning(
+            p->report, at,
+            "the camera stands in a medium without an end, and a light is at infinity: how much of it "
+            "arrives is not defined; put a shape of an interface around all, with that medium inside "
+            "and \"\" outside");
+    return result_ok();
 }
 
 result_t pbrt_finish_media(pbrt_t *p, position_t at)
@@ -336,12 +383,7 @@ result_t pbrt_finish_media(pbrt_t *p, position_t at)
         made = made || p->media[i].record != 0;
     }
     settle_all(p);
-    if (is_endless(p, p->scene.medium) && has_light_at_infinity(p))
-        report_warning(
-            p->report, at,
-            "the camera stands in a medium without an end, and a light is at infinity: how much of it "
-            "arrives is not defined; put a shape of an interface around all, with that medium inside "
-            "and \"\" outside");
+    if (p->scene.medium != 0 && is_open(p, p->scene.medium)) TRY(end_camera_medium(p, at));
     if (!p->knows_media && made)
         report_warning(p->report, p->integrator_at.line ? p->integrator_at : at,
                        "the scene has media, which pbrt's integrator does not show; here they are shown, as "

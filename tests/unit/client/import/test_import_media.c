@@ -287,6 +287,49 @@ static void fog_without_an_end_is_told(void **state)
     }
 }
 
+/* A grid about the camera without an interface gets one of its own, so that light from infinity enters it. */
+static void a_grid_about_the_camera_ends(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *more;
+        uint32_t shapes;
+    } cases[] = {{"", 2}, {"MediumInterface \"a\" \"\"\nMaterial \"interface\"\n" SPHERE, 2}};
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        bench_t bench = {0};
+        char *text =
+            mem_printf("Scale -1 1 1\nMakeNamedMedium \"a\" \"string type\" \"uniformgrid\"\n"
+                       "\"integer nx\" 1 \"integer ny\" 1 \"integer nz\" 1 \"float density\" 1\n"
+                       "\"point3 p0\" [ 1 1 1 ] \"point3 p1\" [ 3 4 5 ]\n"
+                       "MediumInterface \"\" \"a\"\nCamera \"perspective\"\nFilm \"rgb\"\nWorldBegin\n"
+                       "LightSource \"infinite\"\n" SPHERE "%s",
+                       cases[i].more);
+        bench_run(&bench, text);
+        bench_expect_ok(&bench);
+        bench_expect_silence(&bench);
+        assert_int_equal(bench.blob.counts[BLOB_SECTION_SHAPES], cases[i].shapes);
+        const blob_shape_t *shape = &bench.blob.shapes[1];
+        assert_true(shape->flags & SHAPE_INTERFACE);
+        assert_true(shape->media[0] == bench.blob.scene->medium && shape->media[1] == 0);
+        if (shape->kind == SHAPE_MESH) {
+            const blob_mesh_t *mesh = &bench.blob.meshes[shape->geometry];
+            const blob_triangle_t *triangle = &bench.blob.triangles[mesh->first_triangle];
+            const vec3_t *positions = &bench.blob.positions[mesh->first_position];
+            assert_int_equal(mesh->triangle_count, 12);
+            for (size_t k = 0; k < 12; ++k) {
+                vec3_t a = positions[triangle[k].v[0]], b = positions[triangle[k].v[1]],
+                       c = positions[triangle[k].v[2]], middle = vec3(-2, 2.5f, 3);
+                vec3_t n = v_cross(v_sub(b, a), v_sub(c, a));
+                if (shape->flags & SHAPE_FLIP) n = v_neg(n);
+                assert_true(v_dot(n, v_sub(a, middle)) > 0);
+                assert_true(a.x <= -1 && a.x >= -3 && a.y >= 1 && a.y <= 4 && a.z >= 1 && a.z <= 5);
+            }
+        }
+        free(text);
+        bench_close(&bench);
+    }
+}
+
 static void emission_must_be_finite(void **state)
 {
     (void)state;
@@ -700,6 +743,7 @@ int main(void)
         cmocka_unit_test(attributes_are_defaults_of_media),
         cmocka_unit_test(media_that_make_no_sense_are_errors),
         cmocka_unit_test(fog_without_an_end_is_told),
+        cmocka_unit_test(a_grid_about_the_camera_ends),
         cmocka_unit_test(emission_must_be_finite),
         cmocka_unit_test(a_type_that_is_not_supported_is_an_error_where_it_is_used),
         cmocka_unit_test(pbrt_v3_forgets_what_is_not_made),
