@@ -718,7 +718,7 @@ static blob_material_t glass_of(float roughness)
 }
 
 /* A ball of it in a room. */
-static test_scene_t glass_scene(blob_material_t glass)
+static test_scene_t glass_scene(blob_material_t glass, bool filled)
 {
     test_scene_t scene = test_scene_begin(vec3(0, 0, -2), 50, SIDE);
     blob_material_t matte = {.kind = MATERIAL_DIFFUSE};
@@ -727,29 +727,36 @@ static test_scene_t glass_scene(blob_material_t glass)
     test_scene_room(&scene, vec3(-1.5f, -1.5f, -2.5f), vec3(1.5f, 1.5f, 1.5f), wall, vec3(0, 0, 0));
     test_scene_rectangle(&scene, vec3(-0.5f, 1.4f, -0.5f), vec3(1, 0, 0), vec3(0, 0, 1), wall, vec3(6, 6, 6));
     test_scene_sphere(&scene, vec3(0, 0, 0), 0.8f, ball, vec3(0, 0, 0));
+    if (filled) {
+        test_scene_sphere(&scene, vec3(0.25f, 0, -0.1f), 0.2f, wall, vec3(3, 3, 3));
+        test_scene_sphere(&scene, vec3(-0.3f, -0.1f, 0), 0.25f, wall, vec3(0, 0, 0));
+    }
     test_scene_finish(&scene);
     return scene;
 }
 
-/* Rough glass that absorbs most of the blue. */
+/* Rough glass that absorbs most of the blue; without and with a lamp and a ball in it. */
 static void glass_absorbs(void **state)
 {
     (void)state;
     blob_material_t glass = glass_of(0.3f);
     glass.values[VALUE_ATTENUATION] = blob_colour_value(vec3(0.5f, 1, 2));
-    test_scene_t scene = glass_scene(glass);
-    estimate_image_t path = render_blob(&scene.blob, INTEGRATOR_PATH, 256),
-                     bdpt = render_blob(&scene.blob, INTEGRATOR_BDPT, 64),
-                     light = render_blob(&scene.blob, INTEGRATOR_LIGHT, 256);
-    size_t middle = 3 * (SIDE * SIDE / 2 + SIDE / 2);
-    assert_true(path.mean[middle] > 2 * path.mean[middle + 2]);
-    bool holds = agree("absorbing glass", "bdpt", &bdpt, &path);
-    holds = agree("absorbing glass", "light", &light, &path) && holds;
-    estimate_image_free(&path);
-    estimate_image_free(&bdpt);
-    estimate_image_free(&light);
-    test_scene_end(&scene);
-    assert_true(holds);
+    for (int filled = 0; filled < 2; filled++) {
+        test_scene_t scene = glass_scene(glass, filled);
+        estimate_image_t path = render_blob(&scene.blob, INTEGRATOR_PATH, 192),
+                         bdpt = render_blob(&scene.blob, INTEGRATOR_BDPT, 48),
+                         light = render_blob(&scene.blob, INTEGRATOR_LIGHT, 192);
+        size_t middle = 3 * (SIDE * SIDE / 2 + SIDE / 2);
+        assert_true(path.mean[middle] > (filled ? 1.2f : 2) * path.mean[middle + 2]);
+        const char *name = filled ? "absorbing glass with a lamp and a ball" : "absorbing glass";
+        bool holds = agree(name, "bdpt", &bdpt, &path);
+        holds = agree(name, "light", &light, &path) && holds;
+        estimate_image_free(&path);
+        estimate_image_free(&bdpt);
+        estimate_image_free(&light);
+        test_scene_end(&scene);
+        assert_true(holds);
+    }
 }
 
 /* Glass that refracts each colour its own way: the subpaths of a path come to their colours apart. */
@@ -759,7 +766,7 @@ static void glass_disperses(void **state)
     for (int rough = 0; rough < 2; rough++) {
         blob_material_t glass = glass_of(rough ? 0.4f : 0);
         glass.values[VALUE_DISPERSION] = blob_constant(8);
-        test_scene_t scene = glass_scene(glass);
+        test_scene_t scene = glass_scene(glass, false);
         estimate_image_t path = render_blob(&scene.blob, INTEGRATOR_PATH, 128),
                          bdpt = render_blob(&scene.blob, INTEGRATOR_BDPT, 32);
         bool holds = agree(rough ? "rough prism" : "smooth prism", "bdpt", &bdpt, &path);

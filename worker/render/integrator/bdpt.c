@@ -253,7 +253,7 @@ static void join_light(half_t *b, const vertex_t *z, uint32_t k)
     float weight;
     if (!vertex_view_light(z, b->sample, k, &light)) return;
     float r_eye = light.arrival * vertex_area_cosine(z, light.w);
-    medium_t medium = vertex_medium(z, light.w);
+    medium_t medium = vertex_medium_to(z, &light);
     if (!join_is_near(b->setup, z, medium.number, 0, 0, light.medium)) return;
     float length = v_length(v_sub(light.target, vertex_point(z))), fade = 1;
     if (!light.at_infinity) {
@@ -290,8 +290,9 @@ static void join_vertices(half_t *b, const vertex_t *z, const light_choice_t *ch
     vec3_t w = v_scale(d, 1 / distance), back = v_neg(w);
     bsdf_value_t fz, fy;
     if (!vertex_eval(z, w, &fz) || !vertex_eval(y, back, &fy)) return;
-    medium_t medium = vertex_medium(z, w);
-    blob_ref_t arrival = vertex_medium(y, back).number;
+    medium_t medium = vertex_medium(z, w), behind = vertex_medium(y, back);
+    if (v_is_zero(medium.attenuation)) medium.attenuation = behind.attenuation; /* as walk_shade */
+    blob_ref_t arrival = behind.number;
     if (!join_is_near(b->setup, z, medium.number, y->length, y->within, arrival)) return;
     float r_light = fz.pdf * vertex_area_cosine(y, w) / distance2;
     float r_eye = fy.pdf * vertex_area_cosine(z, w) / distance2;
@@ -466,7 +467,7 @@ static void trace_light_subpath(half_t *b, walk_t *walk, bool splats)
         if (y.depth == 1) begin_path(b, walk);
         if (y.kind == VERTEX_SKY || vertex_is_for_eyes(&y) || !walk_weigh(walk, &y)) return;
         if (y.length > segments || y.within > WITHIN_MOST) return;
-        vertex_shade(&y, b->sample, walk->scattered);
+        walk_shade(walk, b->sample, &y);
         if (b->eta > 0) walk_weigh_merging(walk, &y, b->eta);
         if (vertex_is_joinable(&y)) join_light_vertex(b, &y, splats);
     } while (walk_scatter(walk, b->sample, &y));
@@ -527,7 +528,7 @@ static void follow(half_t *b, walk_t *walk)
         if (!vertex_is_near(&y, b->setup) || !walk_weigh(walk, &y)) return;
         if (!walk->joinable) hit_lights(b, walk, &y);
         if (y.kind == VERTEX_SKY || !vertex_has_room(&y, setup_max_segments(b->setup))) return;
-        vertex_shade(&y, b->sample, walk->scattered);
+        walk_shade(walk, b->sample, &y);
         if (!walk_scatter(walk, b->sample, &y) || walk->joinable) return;
     }
 }
@@ -592,7 +593,7 @@ static void take_flight(half_t *b, const walk_t *before)
     walk_t walk;
     vertex_t z;
     if (!walk_flight(before, b->sample, &walk, &z)) return;
-    vertex_shade(&z, b->sample, false);
+    walk_shade(&walk, b->sample, &z);
     if (b->eta > 0) walk_weigh_merging(&walk, &z, b->eta);
     join_eye_vertex(b, &z);
 }
@@ -613,7 +614,7 @@ static rgb_t bdpt_eye(sample_t *sample)
         hit_lights(&b, &walk, &z);
         bool ends = !vertex_has_room(&z, segments);
         if (z.kind == VERTEX_SKY || (ends && z.depth > 1)) break;
-        vertex_shade(&z, sample, walk.scattered);
+        walk_shade(&walk, sample, &z);
         if (z.depth == 1) vertex_first_hit(&z, sample, eye);
         if (ends) break;
         if (b.eta > 0) walk_weigh_merging(&walk, &z, b.eta);

@@ -47,7 +47,7 @@ static void trace_light_path(sample_t *sample)
         walk_arrive(&walk, sample, &y);
         if (y.kind == VERTEX_SKY || vertex_is_for_eyes(&y)) return;
         if (y.length > segments || y.within > WITHIN_MOST) return;
-        vertex_shade(&y, sample, walk.scattered);
+        walk_shade(&walk, sample, &y);
         rgb_t throughput = y.throughput;
         if (vertex_is_joinable(&y) && vertex_joins(&y, sample, &y.throughput))
             splat_vertex(sample, &y, &walk, &ray);

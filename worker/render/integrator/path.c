@@ -17,9 +17,9 @@ static rgb_t direct_light(sample_t *sample, const walk_t *walk, const vertex_t *
     light_view_t light;
     bsdf_value_t value;
     float weight = 1;
-    if (!vertex_view_light(z, sample, k, &light) ||
-        !join_is_near(sample->setup, z, vertex_medium(z, light.w).number, 0, 0, light.medium))
-        return vec3(0, 0, 0);
+    if (!vertex_view_light(z, sample, k, &light)) return vec3(0, 0, 0);
+    medium_t medium = vertex_medium_to(z, &light);
+    if (!join_is_near(sample->setup, z, medium.number, 0, 0, light.medium)) return vec3(0, 0, 0);
     float density = light.density / light.geometry; /* per steradian */
     if (vertex_eval(z, light.w, &value)) {
         float counted = z->first ? first_worth(z->kind == VERTEX_MEDIUM) * density : density;
@@ -30,7 +30,7 @@ static rgb_t direct_light(sample_t *sample, const walk_t *walk, const vertex_t *
     }
     rgb_t result = v_scale(v_mul(value.f, light.radiance), vertex_cosine(z, light.w) / density * weight);
     if (v_is_zero(result)) return result;
-    result = transmit(sample, vertex_exit(z, light.w), light.target, vertex_medium(z, light.w),
+    result = transmit(sample, vertex_exit(z, light.w), light.target, medium,
                       v_length(v_sub(light.target, vertex_point(z))), false, result);
     sample_lit(sample, light.light, v_mul(z->throughput, result));
     return result;
@@ -77,7 +77,7 @@ static void add_flight(sample_t *sample, const walk_t *before, rgb_t *radiance)
     walk_t walk;
     vertex_t z;
     if (!walk_flight(before, sample, &walk, &z)) return;
-    vertex_shade(&z, sample, false);
+    walk_shade(&walk, sample, &z);
     add_next_event(sample, &walk, &z, radiance);
 }
 
@@ -97,7 +97,7 @@ static rgb_t gather(sample_t *sample, walk_t *walk)
             radiance = v_add(radiance, v_mul(z.throughput, emitted(sample, walk, &z)));
         bool ends = !vertex_has_room(&z, segments);
         if (z.kind == VERTEX_SKY || (ends && z.depth > 1)) return radiance;
-        vertex_shade(&z, sample, walk->scattered);
+        walk_shade(walk, sample, &z);
         if (z.depth == 1) vertex_first_hit(&z, sample, eye);
         if (ends) return radiance;
         if (vertex_is_joinable(&z) && !lights_empty(setup->lights))

@@ -180,7 +180,7 @@ static void trace_subpath(const setup_t *setup, const photon_set_t *set, uint32_
         walk_arrive(&walk, &sample, &y);
         if (y.kind == VERTEX_SKY || vertex_is_for_eyes(&y) || !walk_weigh(&walk, &y)) return;
         if (y.length > segments || y.within > WITHIN_MOST) return;
-        vertex_shade(&y, &sample, walk.scattered);
+        walk_shade(&walk, &sample, &y);
         walk_weigh_merging(&walk, &y, set->eta);
         if (y.merging > 0 && v_is_finite(y.throughput)) chunk_add(chunk, &y, &walk);
     } while (walk_scatter(&walk, &sample, &y));

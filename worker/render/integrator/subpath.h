@@ -196,9 +196,22 @@ static inline bool walk_from_light(const sample_t *sample, roulette_t roulette, 
     return true;
 }
 
-/* Moves on to the next vertex, which has no BSDF yet (vertex_shade). It is of the sky when the ray leaves the
+/* Moves on to the next vertex, which has no BSDF yet (walk_shade). It is of the sky when the ray leaves the
  * scene, and in a medium when this scatters. */
 void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex);
+
+/* Makes the BSDF of a vertex where the walk arrived. A segment is dimmed where one of its ends is the inside
+ * of absorbing glass, whichever of them a walk leaves, so that all strategies agree: walk_arrive has dimmed
+ * it for the end that was left, and this does for the other. A light at infinity shines on no inside. */
+static inline void walk_shade(const walk_t *walk, const sample_t *sample, vertex_t *vertex)
+{
+    vertex_shade(vertex, sample, walk->scattered);
+    if (!vertex->bsdf.absorbs || !v_is_zero(walk->medium.attenuation)) return;
+    if (walk->parallel && walk->mode == TRANSPORT_IMPORTANCE) return;
+    medium_t inside = vertex_medium(vertex, vertex->wo);
+    float distance = v_length(v_sub(vertex_point(vertex), walk->point));
+    vertex->throughput = v_mul(vertex->throughput, medium_transmittance(&inside, distance));
+}
 
 /* FLIGHTS. Where an eye subpath that nothing has scattered yet comes through a medium, it is chance alone how
  * far it gets, and all light that the camera sees there varies with it. So there are two flights, with

@@ -126,6 +126,15 @@ static inline medium_t vertex_medium(const vertex_t *vertex, vec3_t w)
     return (medium_t){bsdf_attenuation(&vertex->bsdf, w), vertex->media[v_dot(w, vertex->bsdf.ng) > 0]};
 }
 
+/* The same towards a place on a light. A body has an end, so that no light at infinity shines on its inside;
+ * where it has none, it does not dim that. */
+static inline medium_t vertex_medium_to(const vertex_t *vertex, const light_view_t *light)
+{
+    medium_t medium = vertex_medium(vertex, light->w);
+    if (light->at_infinity) medium.attenuation = vec3(0, 0, 0);
+    return medium;
+}
+
 /* What pbrt-v3 does where the geometric and the shading normal disagree about the side of a light, and
  * vertex_eval is black: in its scenes light straight from a light shows on what the camera sees. False when
  * it does not; else sets the value, and the share of it that is shown. That is all of a light that cannot be
