@@ -243,17 +243,20 @@ static result_t read_lens(mitsuba_t *m, element_t *sensor, const affine_t *world
 }
 
 /* Mitsuba's sensors have x to the left of the image; a spherical one begins at -z and goes to +x, where the
- * blob's goes from +x to +z. */
+ * blob's goes from +x to +z. A transform that mirrors makes the sensor left-handed, and so a picture that is
+ * mirrored. */
 static result_t place(mitsuba_t *m, const element_t *sensor, const affine_t world_from_sensor[2])
 {
     static const affine_t flip = {{{-1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}};
     static const affine_t turn = {{{0, 0, 1, 0}, {0, 1, 0, 0}, {-1, 0, 0, 0}}};
     affine_t frames[2];
     for (int i = 0; i < 2; ++i) {
-        if (!affine_frame(&world_from_sensor[i], &frames[i]))
+        if (!affine_mirrored_frame(&world_from_sensor[i], &frames[i]))
             return error_at(sensor->at, "the sensor's transform has no direction, or lies beyond 1e18");
         frames[i] = affine_multiply(&frames[i], m->record.camera == CAMERA_SPHERICAL ? &turn : &flip);
     }
+    if ((affine_determinant(&frames[0]) < 0) != (affine_determinant(&frames[1]) < 0))
+        return error_at(sensor->at, "a sensor may not move from a transform to its mirror image");
     return scene_place_camera(&m->record, &frames[0], &frames[1], sensor->at);
 }
 

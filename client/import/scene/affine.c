@@ -273,6 +273,14 @@ bool affine_frame(const affine_t *t, affine_t *frame)
     return true;
 }
 
+bool affine_mirrored_frame(const affine_t *t, affine_t *frame)
+{
+    if (!affine_frame(t, frame)) return false;
+    if (affine_determinant(t) < 0)
+        for (int i = 0; i < 3; ++i) frame->m[i][0] = -frame->m[i][0];
+    return true;
+}
+
 xform_t affine_to_xform(const affine_t *t)
 {
     xform_t x;

@@ -37,6 +37,8 @@ double affine_scale(const affine_t *t, bool *uniform);
 /* The transform without scale and shear, its z axis along the old one; false when that axis has no direction
  * or the origin lies beyond 1e18. */
 bool affine_frame(const affine_t *t, affine_t *frame);
+/* The same, but it mirrors where the transform does: its x axis points the other way then. */
+bool affine_mirrored_frame(const affine_t *t, affine_t *frame);
 xform_t affine_to_xform(const affine_t *t);
 
 vec3_t affine_point(const affine_t *t, vec3_t p);

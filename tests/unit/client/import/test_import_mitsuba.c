@@ -375,6 +375,37 @@ static void a_spherical_sensor_begins_behind_itself(void **state)
     bench_close(&bench);
 }
 
+/* A left-handed sensor, as Mitsuba's own editor writes it: without the scale its x is -x of the image. */
+static void a_sensor_that_mirrors_shows_a_mirrored_picture(void **state)
+{
+    (void)state;
+#define MIRRORED(type, scale, after)                                                                         \
+    SCENE("<sensor type=\"" type "\"><transform name=\"toWorld\"><scale " scale "/>" after                   \
+          "</transform></sensor>" LAMP RECTANGLE)
+    static const struct {
+        const char *text;
+        double axes[3][3]; /* of the blob's camera, in the world */
+    } cases[] = {
+        {MIRRORED("perspective", "x=\"-1\"", "<lookat origin=\"0,0,5\" target=\"0,0,0\" up=\"0,1,0\"/>"),
+         {{-1, 0, 0}, {0, 1, 0}, {0, 0, -1}}},
+        {MIRRORED("telecentric", "y=\"-1\"", ""), {{-1, 0, 0}, {0, -1, 0}, {0, 0, 1}}},
+        {MIRRORED("orthographic", "z=\"-2\"", ""), {{-1, 0, 0}, {0, 1, 0}, {0, 0, -1}}},
+        {MIRRORED("spherical", "y=\"-1\"", ""), {{0, 0, -1}, {0, -1, 0}, {1, 0, 0}}},
+        {MIRRORED("perspective", "x=\"-1\" y=\"-1\"", ""), {{1, 0, 0}, {0, -1, 0}, {0, 0, 1}}},
+    };
+    bench_t bench = {0};
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        run_text(&bench, cases[i].text);
+        bench_expect_ok(&bench);
+        for (int k = 0; k < 3; ++k) {
+            const double *axis = cases[i].axes[k];
+            vec3_t unit = vec3(k == 0, k == 1, k == 2);
+            expect_vec3(xform_vector(&bench.blob.scene->world_from_camera, unit), axis[0], axis[1], axis[2]);
+        }
+    }
+    bench_close(&bench);
+}
+
 static void integrators_about_others_become_those(void **state)
 {
     (void)state;
@@ -820,6 +851,8 @@ static void animations_that_cannot_be_are_told(void **state)
          "two transforms for the time 1"},
         {SENSOR(""), "<shape type=\"cube\">" MOTION("<lookat/>") "</shape>", "must be a transform"},
         {MOVING_SENSOR("1", "0", KEY("0", "0")), RECTANGLE, "must not come before shutterOpen"},
+        {MOVING_SENSOR("0", "1", KEY("0", "0") "<transform time=\"1\"><scale x=\"-1\"/></transform>"),
+         RECTANGLE, "a sensor may not move from a transform to its mirror image"},
         {MOVING_SENSOR("0", "1", KEY("0", "0")),
          RECTANGLE "<emitter type=\"spot\">" MOTION(KEY("0", "0") KEY("1", "1")) "</emitter>",
          "emitter \"spot\" that moves is not supported"},
@@ -1411,6 +1444,7 @@ int main(void)
         cmocka_unit_test(references_are_followed_and_checked),
         cmocka_unit_test(sensors_look_where_mitsubas_do),
         cmocka_unit_test(a_spherical_sensor_begins_behind_itself),
+        cmocka_unit_test(a_sensor_that_mirrors_shows_a_mirrored_picture),
         cmocka_unit_test(integrators_about_others_become_those),
         cmocka_unit_test(a_telecentric_sensor_is_orthographic_with_a_lens),
         cmocka_unit_test(a_radiance_meter_looks_along_one_ray),
