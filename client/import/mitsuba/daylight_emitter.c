@@ -80,7 +80,7 @@ static result_t read_sun(mitsuba_t *m, const element_t *emitter, const affine_t 
     TRY(property_point(m, emitter, "sunDirection", world));
     double length = sqrt(world[0] * world[0] + world[1] * world[1] + world[2] * world[2]);
     if (!(length > 1e-18 && length < 1e18)) return error_at(emitter->at, "sunDirection has no direction");
-    for (int i = 0; i < 3; ++i) { /* by the inverse of a rotation */
+    for (int i = 0; i < 3; ++i) { /* by the inverse, which is the transpose */
         sun[i] = 0;
         for (int k = 0; k < 3; ++k) sun[i] += world_from_light->m[k][i] * world[k] / length;
     }

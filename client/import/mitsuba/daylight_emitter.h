@@ -8,8 +8,8 @@
 
 #include "client/import/mitsuba/property.h"
 
-/* Adds what an emitter sky, sun or sunsky says. `world_from_light`: its transform, a rotation. RESULT_INPUT:
- * the sun is below the horizon, or a parameter is out of its range. */
+/* Adds what an emitter sky, sun or sunsky says. `world_from_light`: its transform, a rotation that may mirror
+ * as well. RESULT_INPUT: the sun is below the horizon, or a parameter is out of its range. */
 result_t daylight_emitter_add(mitsuba_t *m, const element_t *emitter, const affine_t *world_from_light);
 /* Adds the sky and the large sun that Mitsuba gives to a scene without any emitter. */
 result_t daylight_emitter_default(mitsuba_t *m, position_t at);

@@ -31,10 +31,10 @@ static result_t add(work_t *w, const affine_t *frame)
     return scene_add_light(w->m->scene, w->light, frame, w->element->at);
 }
 
-/* The light's transform without scale, its z axis kept. */
+/* The light's transform without scale, its z axis kept, and whether it mirrors. */
 static result_t take_frame(work_t *w, affine_t *frame)
 {
-    if (affine_frame(&w->world_from_light, frame)) return result_ok();
+    if (affine_mirrored_frame(&w->world_from_light, frame)) return result_ok();
     return error_at(w->element->at, "the light's transform has no direction, or lies beyond 1e18");
 }
 

@@ -1320,26 +1320,51 @@ static void a_beam_keeps_its_power(void **state)
     bench_close(&bench);
 }
 
+static void run_environment(bench_t *bench, const char *body)
+{
+    uint8_t *bytes;
+    size_t size;
+    assert_int_equal(file_read("tests/fuzz/assets/sky.exr", 1 << 20, &bytes, &size).code, RESULT_OK);
+    bench_write(bench, "sky.exr", bytes, size);
+    free(bytes);
+    char *text = mem_printf(
+        SCENE(SENSOR("") RECTANGLE
+              "<emitter type=\"envmap\"><string name=\"filename\" value=\"sky.exr\"/>%s</emitter>"),
+        body);
+    run_text(bench, text);
+    free(text);
+    bench_expect_ok(bench);
+}
+
 /* The image's first column is at -z, the next quarter at +x; the top row at +y. */
 static void an_environment_stands_as_mitsubas_does(void **state)
 {
     (void)state;
     bench_t bench = {0};
-    uint8_t *bytes;
-    size_t size;
-    assert_int_equal(file_read("tests/fuzz/assets/sky.exr", 1 << 20, &bytes, &size).code, RESULT_OK);
-    bench_write(&bench, "sky.exr", bytes, size);
-    free(bytes);
-    run_text(&bench, SCENE(SENSOR("") RECTANGLE
-                           "<emitter type=\"envmap\"><string name=\"filename\" value=\"sky.exr\"/>"
-                           "<float name=\"scale\" value=\"2\"/></emitter>"));
-    bench_expect_ok(&bench);
+    run_environment(&bench, "<float name=\"scale\" value=\"2\"/>");
     const blob_light_t *light = bench.blob.lights;
     assert_int_equal(light->mapping, LIGHT_LATLONG);
     expect_near((double)light->radiance.factor.x, 2, 0);
     expect_vec3(xform_vector(&light->world_from_light, vec3(1, 0, 0)), 0, 0, -1);
     expect_vec3(xform_vector(&light->world_from_light, vec3(0, 1, 0)), 1, 0, 0);
     expect_vec3(xform_vector(&light->world_from_light, vec3(0, 0, 1)), 0, 1, 0);
+    bench_close(&bench);
+}
+
+static void an_environment_may_be_mirrored(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run_environment(&bench, "<transform name=\"toWorld\"><scale x=\"-1\"/></transform>");
+    const xform_t *frame = &bench.blob.lights->world_from_light;
+    expect_vec3(xform_vector(frame, vec3(1, 0, 0)), 0, 0, -1);
+    expect_vec3(xform_vector(frame, vec3(0, 1, 0)), -1, 0, 0);
+    expect_vec3(xform_vector(frame, vec3(0, 0, 1)), 0, 1, 0);
+    run_environment(&bench, "<transform name=\"toWorld\"><scale z=\"-3\"/></transform>");
+    frame = &bench.blob.lights->world_from_light;
+    expect_vec3(xform_vector(frame, vec3(1, 0, 0)), 0, 0, 1);
+    expect_vec3(xform_vector(frame, vec3(0, 1, 0)), 1, 0, 0);
+    expect_vec3(xform_vector(frame, vec3(0, 0, 1)), 0, 1, 0);
     bench_close(&bench);
 }
 
@@ -1480,6 +1505,7 @@ int main(void)
         cmocka_unit_test(daylight_comes_from_where_it_is_said_to),
         cmocka_unit_test(a_beam_keeps_its_power),
         cmocka_unit_test(an_environment_stands_as_mitsubas_does),
+        cmocka_unit_test(an_environment_may_be_mirrored),
         cmocka_unit_test(what_a_scene_lacks_is_as_in_mitsuba),
         cmocka_unit_test(the_last_of_several_sensors_counts),
         cmocka_unit_test(a_sensor_is_taken_by_its_id_or_number),
