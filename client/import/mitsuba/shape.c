@@ -230,7 +230,7 @@ static result_t make_serialized(work_t *w)
     return add_mesh(w, &mesh, NULL, w->element->at, result);
 }
 
-/* Appends a square: corner, and its two edges. */
+/* Appends a square: corner, and its two edges, along u and v. */
 static void add_square(mesh_t *mesh, vec3_t corner, vec3_t a, vec3_t b)
 {
     static const uint32_t corners[2][3] = {{0, 1, 2}, {0, 2, 3}};
@@ -263,19 +263,19 @@ static result_t make_rectangle(work_t *w)
     return add_mesh(w, &mesh, NULL, w->element->at, result_ok());
 }
 
-/* From -1 to 1 along all axes, facing outward. */
+/* From -1 to 1 along all axes, facing outward. Seen from there, a texture is mirrored on all faces, and on
+ * each turned in Mitsuba's own way. */
 static result_t make_cube(work_t *w)
 {
+    static const vec3_t faces[6][3] = {
+        /* the corner at u = v = 0, the edge along v, the edge along u */
+        {{-1, -1, -1}, {2, 0, 0}, {0, 0, 2}}, {{1, 1, 1}, {0, 0, -2}, {-2, 0, 0}},
+        {{1, -1, 1}, {0, 0, -2}, {0, 2, 0}},  {{-1, -1, 1}, {2, 0, 0}, {0, 2, 0}},
+        {{-1, -1, -1}, {0, 0, 2}, {0, 2, 0}}, {{-1, 1, -1}, {2, 0, 0}, {0, -2, 0}}};
     mesh_t mesh = room_for_squares(6);
     w->flat = true;
-    for (int axis = 0; axis < 3; ++axis) {
-        float unit[3][3] = {{0}};
-        for (int i = 0; i < 3; ++i) unit[i][(axis + i) % 3] = 2;
-        vec3_t n = vec3(unit[0][0], unit[0][1], unit[0][2]), a = vec3(unit[1][0], unit[1][1], unit[1][2]);
-        vec3_t b = vec3(unit[2][0], unit[2][1], unit[2][2]), corner = vec3(-1, -1, -1);
-        add_square(&mesh, v_add(corner, n), a, b);
-        add_square(&mesh, corner, b, a);
-    }
+    for (int i = 0; i < 6; ++i) add_square(&mesh, faces[i][0], faces[i][1], faces[i][2]);
+    for (uint32_t i = 0; i < mesh.vertex_count; ++i) mesh.uvs[i] = (vec2_t){mesh.uvs[i].y, mesh.uvs[i].x};
     return add_mesh(w, &mesh, NULL, w->element->at, result_ok());
 }
 

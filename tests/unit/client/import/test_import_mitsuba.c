@@ -566,6 +566,41 @@ static void shapes_stand_where_mitsubas_do(void **state)
     bench_close(&bench);
 }
 
+/* The vertices of Mitsuba's cube.cpp, four a face, whose texture coordinates are the same on all faces. */
+static void a_cube_has_the_texture_coordinates_of_mitsubas(void **state)
+{
+    (void)state;
+    static const vec3_t theirs[6][4] = {{{1, -1, -1}, {1, -1, 1}, {-1, -1, 1}, {-1, -1, -1}},
+                                        {{1, 1, -1}, {-1, 1, -1}, {-1, 1, 1}, {1, 1, 1}},
+                                        {{1, -1, -1}, {1, 1, -1}, {1, 1, 1}, {1, -1, 1}},
+                                        {{1, -1, 1}, {1, 1, 1}, {-1, 1, 1}, {-1, -1, 1}},
+                                        {{-1, -1, 1}, {-1, 1, 1}, {-1, 1, -1}, {-1, -1, -1}},
+                                        {{1, 1, -1}, {1, -1, -1}, {-1, -1, -1}, {-1, 1, -1}}};
+    static const double uvs[4][2] = {{0, 1}, {1, 1}, {1, 0}, {0, 0}};
+    bench_t bench = {0};
+    run(&bench, "<shape type=\"cube\"/>");
+    bench_expect_ok(&bench);
+    const blob_mesh_t *mesh = mesh_of(&bench, 0);
+    const vec3_t *p = positions_of(&bench, 0);
+    int found = 0;
+    for (uint32_t i = 0; i < mesh->triangle_count; ++i) {
+        const uint32_t *v = bench.blob.triangles[mesh->first_triangle + i].v;
+        vec3_t normal = v_cross(v_sub(p[v[1]], p[v[0]]), v_sub(p[v[2]], p[v[0]]));
+        for (int face = 0; face < 6; ++face)
+            for (int k = 0; k < 12; ++k) { /* corner k % 3 and their vertex k / 3 */
+                const vec3_t *q = theirs[face];
+                vec3_t theirs_out = v_cross(v_sub(q[1], q[0]), v_sub(q[2], q[0]));
+                if (!v_is_zero(v_sub(normal, theirs_out)) || !v_is_zero(v_sub(p[v[k % 3]], q[k / 3])))
+                    continue;
+                vec2_t uv = bench.blob.uvs[mesh->first_uv + v[k % 3]];
+                expect_vec3(vec3(uv.x, uv.y, 0), uvs[k / 3][0], uvs[k / 3][1], 0);
+                ++found;
+            }
+    }
+    assert_int_equal(found, 36);
+    bench_close(&bench);
+}
+
 #define OBJ_SHAPE(body) "<shape type=\"obj\"><string name=\"filename\" value=\"a.obj\"/>" body "</shape>"
 
 static void meshes_without_normals_are_smooth_unless_asked(void **state)
@@ -1478,6 +1513,7 @@ int main(void)
         cmocka_unit_test(the_field_of_view_has_its_axis),
         cmocka_unit_test(steps_of_a_transform_are_applied_in_their_order),
         cmocka_unit_test(shapes_stand_where_mitsubas_do),
+        cmocka_unit_test(a_cube_has_the_texture_coordinates_of_mitsubas),
         cmocka_unit_test(meshes_without_normals_are_smooth_unless_asked),
         cmocka_unit_test(edges_are_smooth_up_to_the_angle),
         cmocka_unit_test(a_vertex_of_very_many_edges_is_parted),
