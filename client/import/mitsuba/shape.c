@@ -22,6 +22,7 @@ typedef struct {
     uint32_t object; /* where it goes: 0 for the world */
     affine_t object_from_shape;
     bool flip, flat; /* flat: without vertex normals */
+    bool wound;      /* normals that its file does not have point where its triangles wind in the world */
     bool creased;    /* its edges are smoothed up to `crease` degrees, whatever normals its file has */
     double crease;
     bool flipped;       /* its v is the other way round: see texture.h */
@@ -110,24 +111,43 @@ static result_t get_material(const work_t *w, const char *wanted, material_t *ma
 
 /* ---- meshes -------------------------------------------------------------------------------------------- */
 
+/* Mitsuba makes the normals that a file does not bring when the mesh stands in the world. A transform that
+ * mirrors turns the triangles over there, but for meshes that say which side is out. */
+static void place_mesh(const work_t *w, mesh_t *mesh, affine_t *object_from_mesh, bool *reverse)
+{
+    affine_t inverse;
+    if (!affine_invert(object_from_mesh, &inverse)) return; /* mesh_add tells */
+    for (uint32_t i = 0; i < mesh->vertex_count; ++i)
+        mesh->positions[i] = affine_point(object_from_mesh, mesh->positions[i]);
+    if (!w->wound && affine_determinant(object_from_mesh) < 0) *reverse = !*reverse;
+    *object_from_mesh = affine_identity();
+}
+
+static result_t make_normals(const work_t *w, mesh_t *mesh, position_t at)
+{
+    if (!w->flat) return w->creased ? mesh_crease(mesh, w->crease, at) : mesh_smooth(mesh, at);
+    free(mesh->normals);
+    mesh->normals = NULL;
+    return result_ok();
+}
+
 /* Adds a mesh, if `made` is a success, and frees it. */
 static result_t add_mesh(const work_t *w, mesh_t *mesh, const char *wanted, position_t at, result_t made)
 {
     material_t material;
     blob_shape_t shape = {0};
-    bool visible = false;
-    if (made.code == RESULT_OK && w->flat) {
-        free(mesh->normals);
-        mesh->normals = NULL;
+    affine_t object_from_mesh = w->object_from_shape;
+    bool visible = false, reverse = w->flip;
+    if (made.code == RESULT_OK && (w->flat || w->creased || !mesh->normals)) {
+        place_mesh(w, mesh, &object_from_mesh, &reverse);
+        made = make_normals(w, mesh, at);
     }
-    if (made.code == RESULT_OK && !w->flat && w->creased) made = mesh_crease(mesh, w->crease, at);
-    if (made.code == RESULT_OK && !w->flat && !mesh->normals) made = mesh_smooth(mesh, at);
     if (made.code == RESULT_OK) made = get_material(w, wanted, &material, &visible);
     if (made.code != RESULT_OK || !visible) {
         mesh_free(mesh);
         return made;
     }
-    TRY(mesh_add(w->m->scene, mesh, &w->object_from_shape, w->flip, at, &shape));
+    TRY(mesh_add(w->m->scene, mesh, &object_from_mesh, reverse, at, &shape));
     return add_shape(w, &shape, &material);
 }
 
@@ -186,7 +206,7 @@ static result_t add_file(work_t *w, wavefront_t *file)
 static result_t make_obj(work_t *w)
 {
     wavefront_t file = {0};
-    w->flipped = true;
+    w->flipped = w->wound = true;
     TRY(property_bool(w->m, w->element, "flipTexCoords", &w->flipped));
     if (property_find(w->element, "shapeIndex"))
         TRY(report_refuse(w->m->report, w->element->at,
@@ -210,6 +230,7 @@ static result_t make_ply(work_t *w)
 {
     mesh_t mesh = {0};
     bool encoded = true;
+    w->wound = true;
     TRY(property_bool(w->m, w->element, "srgb", &encoded));
     scene_count_file(w->m->scene, w->path);
     result_t result = ply_read(w->path, w->m->report, &mesh);

@@ -626,6 +626,78 @@ static void meshes_without_normals_are_smooth_unless_asked(void **state)
     bench_close(&bench);
 }
 
+#define MIRROR "<transform name=\"toWorld\"><scale x=\"-1\"/></transform>"
+#define SERIALIZED(index, body)                                                                              \
+    "<shape type=\"serialized\"><string name=\"filename\" value=\"a.serialized\"/>"                          \
+    "<integer name=\"shapeIndex\" value=\"" index "\"/>" body "</shape>"
+#define PLY_SHAPE(body) "<shape type=\"ply\"><string name=\"filename\" value=\"a.ply\"/>" body "</shape>"
+
+static size_t write_serialized(uint8_t *file, bool wide, uint16_t version);
+
+/* Its triangle winds about +z, and in the mirror about -z. Normals that a file has stay on their side. */
+static void mirrored_meshes_look_where_mitsubas_do(void **state)
+{
+    (void)state;
+#define FLAT "<boolean name=\"faceNormals\" value=\"true\"/>"
+#define CREASED "<float name=\"maxSmoothAngle\" value=\"30\"/>"
+#define FLIPPED "<boolean name=\"flipNormals\" value=\"true\"/>"
+    static const struct {
+        const char *corners, *body;
+        double normal; /* its z; 0: none */
+        uint32_t flags;
+    } cases[] = {
+        {"1 2 3", OBJ_SHAPE(MIRROR), -1, 0},
+        {"1 2 3", OBJ_SHAPE(MIRROR CREASED), -1, 0},
+        {"1 2 3", OBJ_SHAPE(MIRROR FLIPPED), 1, SHAPE_FLIP},
+        {"1 2 3", OBJ_SHAPE(MIRROR FLAT), 0, 0},
+        {"1 2 3", OBJ_SHAPE(MIRROR FLAT FLIPPED), 0, SHAPE_FLIP},
+        {"1//1 2//1 3//1", OBJ_SHAPE(MIRROR), 1, SHAPE_FLIP},
+        {"1//1 2//1 3//1", OBJ_SHAPE(MIRROR CREASED), -1, 0},
+        {"1//1 2//1 3//1", OBJ_SHAPE(MIRROR FLIPPED), -1, 0},
+        {"", PLY_SHAPE(MIRROR), -1, 0},
+        {"", PLY_SHAPE(MIRROR FLAT), 0, 0},
+        {"", SERIALIZED("0", MIRROR), 1, SHAPE_FLIP},
+        {"", SERIALIZED("0", MIRROR FLAT), 0, SHAPE_FLIP},
+        {"", SERIALIZED("0", MIRROR CREASED), 1, SHAPE_FLIP},
+        {"", "<shape type=\"rectangle\">" MIRROR "</shape>", 0, SHAPE_FLIP},
+    };
+    const char *ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+                      "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+                      "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+    uint8_t serialized[2048];
+    bench_t bench = {0};
+    bench_write(&bench, "a.ply", ply, strlen(ply));
+    bench_write(&bench, "a.serialized", serialized, write_serialized(serialized, false, 4));
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        char *obj = mem_printf("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf %s\n", cases[i].corners);
+        bench_write(&bench, "a.obj", obj, strlen(obj));
+        free(obj);
+        run(&bench, cases[i].body);
+        bench_expect_silence(&bench);
+        assert_int_equal(bench.blob.shapes[0].flags, cases[i].flags);
+        const blob_mesh_t *mesh = mesh_of(&bench, 0);
+        assert_int_equal(mesh->first_normal == BLOB_NONE, cases[i].normal == 0);
+        if (cases[i].normal != 0) expect_vec3(bench.blob.normals[mesh->first_normal], 0, 0, cases[i].normal);
+    }
+    bench_close(&bench);
+}
+
+/* A corner of a box has the mean of its three sides, however the box is stretched. */
+static void normals_are_made_in_the_world(void **state)
+{
+    (void)state;
+    const double third = sqrt(1.0 / 3);
+    const char *obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 3 4\nf 1 4 2\n";
+    bench_t bench = {0};
+    bench_write(&bench, "a.obj", obj, strlen(obj));
+    run(&bench, OBJ_SHAPE("<transform name=\"toWorld\"><scale x=\"10\"/></transform>"));
+    bench_expect_ok(&bench);
+    expect_vec3(bench.blob.normals[mesh_of(&bench, 0)->first_normal], third, third, third);
+    expect_error(&bench, OBJ_SHAPE("<transform name=\"toWorld\"><scale x=\"0\"/></transform>"),
+                 "transform is singular");
+    bench_close(&bench);
+}
+
 /* The same roof, its left side of two faces; at the ridge they are 90 degrees apart. */
 static void edges_are_smooth_up_to_the_angle(void **state)
 {
@@ -737,10 +809,6 @@ static size_t write_serialized(uint8_t *file, bool wide, uint16_t version)
     return used + 4;
 }
 
-#define SERIALIZED(index)                                                                                    \
-    "<shape type=\"serialized\"><string name=\"filename\" value=\"a.serialized\"/>"                          \
-    "<integer name=\"shapeIndex\" value=\"" index "\"/></shape>"
-
 static void serialized_meshes_are_read_in_both_precisions_and_versions(void **state)
 {
     (void)state;
@@ -749,27 +817,25 @@ static void serialized_meshes_are_read_in_both_precisions_and_versions(void **st
         uint8_t file[2048];
         size_t size = write_serialized(file, i % 2, i < 2 ? 3 : 4);
         bench_write(&bench, "a.serialized", file, size);
-        run(&bench, SERIALIZED("1"));
+        run(&bench, SERIALIZED("1", ""));
         bench_expect_silence(&bench);
         expect_vec3(positions_of(&bench, 0)[1], 1, 0, 7);
         expect_vec3(bench.blob.normals[0], 0, 0, 1);
-        expect_error(&bench, SERIALIZED("2"), "has 2 meshes");
+        expect_error(&bench, SERIALIZED("2", ""), "has 2 meshes");
         for (size_t cut = 0; cut < size; cut += 7) {
             bench_write(&bench, "a.serialized", file, cut);
-            run(&bench, SERIALIZED("0"));
+            run(&bench, SERIALIZED("0", ""));
             assert_int_equal(bench.result.code, RESULT_INPUT);
         }
         for (size_t at = 0; at < size; at += 3) { /* damage: refused or read, never worse */
             file[at] ^= 0x55;
             bench_write(&bench, "a.serialized", file, size);
-            run(&bench, SERIALIZED("0"));
+            run(&bench, SERIALIZED("0", ""));
             file[at] ^= 0x55;
         }
     }
     bench_close(&bench);
 }
-
-#define PLY_SHAPE(body) "<shape type=\"ply\"><string name=\"filename\" value=\"a.ply\"/>" body "</shape>"
 
 static void ply_files_have_colours(void **state)
 {
@@ -1515,6 +1581,8 @@ int main(void)
         cmocka_unit_test(shapes_stand_where_mitsubas_do),
         cmocka_unit_test(a_cube_has_the_texture_coordinates_of_mitsubas),
         cmocka_unit_test(meshes_without_normals_are_smooth_unless_asked),
+        cmocka_unit_test(mirrored_meshes_look_where_mitsubas_do),
+        cmocka_unit_test(normals_are_made_in_the_world),
         cmocka_unit_test(edges_are_smooth_up_to_the_angle),
         cmocka_unit_test(a_vertex_of_very_many_edges_is_parted),
         cmocka_unit_test(the_v_of_obj_files_runs_up),
