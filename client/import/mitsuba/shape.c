@@ -23,6 +23,7 @@ typedef struct {
     affine_t object_from_shape;
     bool flip, flat; /* flat: without vertex normals */
     bool wound;      /* normals that its file does not have point where its triangles wind in the world */
+    bool joined;     /* vertices that are alike become one before normals are made */
     bool creased;    /* its edges are smoothed up to `crease` degrees, whatever normals its file has */
     double crease;
     bool flipped;       /* its v is the other way round: see texture.h */
@@ -125,10 +126,14 @@ static void place_mesh(const work_t *w, mesh_t *mesh, affine_t *object_from_mesh
 
 static result_t make_normals(const work_t *w, mesh_t *mesh, position_t at)
 {
-    if (!w->flat) return w->creased ? mesh_crease(mesh, w->crease, at) : mesh_smooth(mesh, at);
-    free(mesh->normals);
-    mesh->normals = NULL;
-    return result_ok();
+    if (w->flat) {
+        free(mesh->normals);
+        mesh->normals = NULL;
+        return result_ok();
+    }
+    if (w->creased) return mesh_crease(mesh, w->crease, at);
+    if (w->joined) mesh_join(mesh);
+    return mesh_smooth(mesh, at);
 }
 
 /* Adds a mesh, if `made` is a success, and frees it. */
@@ -206,7 +211,7 @@ static result_t add_file(work_t *w, wavefront_t *file)
 static result_t make_obj(work_t *w)
 {
     wavefront_t file = {0};
-    w->flipped = w->wound = true;
+    w->flipped = w->wound = w->joined = true;
     TRY(property_bool(w->m, w->element, "flipTexCoords", &w->flipped));
     if (property_find(w->element, "shapeIndex"))
         TRY(report_refuse(w->m->report, w->element->at,

@@ -6,12 +6,22 @@
 
 /* ---- vertices that are alike --------------------------------------------------------------------------- */
 
+/* Numbers by their bits, but 0 and -0 are alike: adding 0 makes one of them. */
+static int compare_numbers(const float *a, const float *b, int count)
+{
+    int order = 0;
+    for (int i = 0; i < count && order == 0; ++i) {
+        const float x = a[i] + 0.0f, y = b[i] + 0.0f;
+        order = memcmp(&x, &y, sizeof x);
+    }
+    return order;
+}
+
 static int compare_vertices(const mesh_t *mesh, uint32_t a, uint32_t b)
 {
-    int order = memcmp(&mesh->positions[a], &mesh->positions[b], sizeof *mesh->positions);
-    if (order == 0 && mesh->uvs) order = memcmp(&mesh->uvs[a], &mesh->uvs[b], sizeof *mesh->uvs);
-    if (order == 0 && mesh->colours)
-        order = memcmp(&mesh->colours[a], &mesh->colours[b], sizeof *mesh->colours);
+    int order = compare_numbers(&mesh->positions[a].x, &mesh->positions[b].x, 3);
+    if (order == 0 && mesh->uvs) order = compare_numbers(&mesh->uvs[a].x, &mesh->uvs[b].x, 2);
+    if (order == 0 && mesh->colours) order = compare_numbers(&mesh->colours[a].r, &mesh->colours[b].r, 4);
     return order;
 }
 
@@ -23,21 +33,45 @@ static int compare(const void *left, const void *right, void *mesh)
     return order != 0 ? order : (a > b) - (a < b);
 }
 
-/* Makes all corners use the first of the vertices that are alike. */
-static void join_vertices(mesh_t *mesh)
+/* An array of `count` new vertices, of which each was source[i]; frees that of the old ones. */
+static void *collect(void *array, size_t size, const uint32_t *source, uint32_t count)
 {
-    uint32_t *sorted = mem_alloc(mesh->vertex_count * sizeof *sorted);
-    uint32_t *first = mem_alloc(mesh->vertex_count * sizeof *first);
+    if (!array) return NULL;
+    char *made = mem_alloc(count * size);
+    for (uint32_t i = 0; i < count; ++i) memcpy(made + i * size, (char *)array + source[i] * size, size);
+    free(array);
+    return made;
+}
+
+static void collect_all(mesh_t *mesh, const uint32_t *source, uint32_t count)
+{
+    mesh->positions = collect(mesh->positions, sizeof *mesh->positions, source, count);
+    mesh->uvs = collect(mesh->uvs, sizeof *mesh->uvs, source, count);
+    mesh->colours = collect(mesh->colours, sizeof *mesh->colours, source, count);
+    mesh->vertex_count = count;
+}
+
+void mesh_join(mesh_t *mesh)
+{
+    uint32_t *sorted = mem_alloc(mesh->vertex_count * sizeof *sorted), kept = 0;
+    uint32_t *number = mem_alloc(mesh->vertex_count * sizeof *number); /* of the first that is alike */
     for (uint32_t i = 0; i < mesh->vertex_count; ++i) sorted[i] = i;
     qsort_r(sorted, mesh->vertex_count, sizeof *sorted, compare, mesh);
     for (uint32_t i = 0; i < mesh->vertex_count; ++i) {
         bool alike = i > 0 && compare_vertices(mesh, sorted[i - 1], sorted[i]) == 0;
-        first[sorted[i]] = alike ? first[sorted[i - 1]] : sorted[i];
+        number[sorted[i]] = alike ? number[sorted[i - 1]] : sorted[i];
+    }
+    for (uint32_t i = 0; i < mesh->vertex_count; ++i) { /* the first has its new number already */
+        if (number[i] == i) sorted[kept] = i;
+        number[i] = number[i] == i ? kept++ : number[number[i]];
     }
     for (size_t i = 0; i < mesh->triangle_count; ++i)
-        for (int k = 0; k < 3; ++k) mesh->triangles[i].v[k] = first[mesh->triangles[i].v[k]];
+        for (int k = 0; k < 3; ++k) mesh->triangles[i].v[k] = number[mesh->triangles[i].v[k]];
+    free(mesh->normals);
+    mesh->normals = NULL;
+    collect_all(mesh, sorted, kept);
     free(sorted);
-    free(first);
+    free(number);
 }
 
 /* ---- groups of triangles ------------------------------------------------------------------------------- */
@@ -104,17 +138,6 @@ static void part_vertices(crease_t *c)
 
 /* ---- the mesh ------------------------------------------------------------------------------------------ */
 
-/* An array of the new vertices; frees that of the old ones. */
-static void *collect(void *array, size_t size, const crease_t *c)
-{
-    if (!array) return NULL;
-    char *made = mem_alloc(c->count * size);
-    for (uint32_t i = 0; i < c->count; ++i)
-        memcpy(made + i * size, (char *)array + c->source[i] * size, size);
-    free(array);
-    return made;
-}
-
 static vec3_t *triangle_normals(const mesh_t *mesh)
 {
     vec3_t *normals = mem_alloc(mesh->triangle_count * sizeof *normals);
@@ -130,16 +153,13 @@ result_t mesh_crease(mesh_t *mesh, double angle, position_t at)
 {
     TRY(mesh_smooth(mesh, at)); /* which looks at the indices */
     if (mesh->triangle_count > UINT32_MAX / 3) return error_at(at, "the mesh has too many triangles");
-    join_vertices(mesh);
+    mesh_join(mesh);
     crease_t c = {.mesh = mesh,
                   .normals = triangle_normals(mesh),
                   .source = mem_alloc(3 * (size_t)mesh->triangle_count * sizeof *c.source),
                   .cosine = (float)cos(angle * 3.14159265358979323846 / 180)};
     part_vertices(&c);
-    mesh->positions = collect(mesh->positions, sizeof *mesh->positions, &c);
-    mesh->uvs = collect(mesh->uvs, sizeof *mesh->uvs, &c);
-    mesh->colours = collect(mesh->colours, sizeof *mesh->colours, &c);
-    mesh->vertex_count = c.count;
+    collect_all(mesh, c.source, c.count);
     free(c.normals);
     free(c.source);
     return mesh_smooth(mesh, at);

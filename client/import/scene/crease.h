@@ -12,5 +12,8 @@
  * RESULT_INPUT otherwise, with `at`, the shape in the scene file. The mesh must stand still and have no uvs2.
  */
 result_t mesh_crease(mesh_t *mesh, double angle, position_t at);
+/* Makes one vertex of those that are alike in position, uv and colour; the mesh has no normals afterwards.
+ * Indices must be in range; the mesh must stand still and have no uvs2. */
+void mesh_join(mesh_t *mesh);
 
 #endif

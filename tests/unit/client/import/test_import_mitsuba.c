@@ -698,6 +698,41 @@ static void normals_are_made_in_the_world(void **state)
     bench_close(&bench);
 }
 
+/* The roof with a ridge for each side: in an OBJ file, what lies in one place and has one texture coordinate
+ * is one vertex. In a PLY file it is not. */
+static void vertices_of_an_obj_that_are_alike_are_one(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *uv;
+        uint32_t vertices;
+    } cases[] = {{"vt 0.5 1\nvt 0.5 1\n", 6}, {"vt 0.5 -0\nvt 0.5 0\n", 6}, {"vt 0.5 1\nvt 0.25 1\n", 8}};
+    const char *ply = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\n"
+                      "property float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n"
+                      "0 0 0\n1 0 1\n1 1 1\n0 1 0\n1 0 1\n2 0 0\n2 1 0\n1 1 1\n4 0 1 2 3\n4 4 5 6 7\n";
+    bench_t bench = {0};
+    for (size_t i = 0; i <= ARRAY_LENGTH(cases); ++i) {
+        bool of_obj = i < ARRAY_LENGTH(cases);
+        char *obj = mem_printf("v 0 0 0\nv 1 0 1\nv 1 1 1\nv 0 1 0\nv 1 -0.0 1\nv 2 0 0\nv 2 1 0\nv 1 1 1\n%s"
+                               "f 1/1 2/1 3/1 4/1\nf 5/2 6/2 7/2 8/2\n",
+                               cases[of_obj ? i : 0].uv);
+        bench_write(&bench, "a.obj", obj, strlen(obj));
+        bench_write(&bench, "a.ply", ply, strlen(ply));
+        free(obj);
+        run(&bench, of_obj ? OBJ_SHAPE("") : PLY_SHAPE(""));
+        bench_expect_silence(&bench);
+        const blob_mesh_t *mesh = mesh_of(&bench, 0);
+        uint32_t vertices = of_obj ? cases[i].vertices : 8;
+        assert_int_equal(mesh->vertex_count, vertices);
+        assert_int_equal(mesh->triangle_count, 4);
+        const vec3_t *n = bench.blob.normals + mesh->first_normal;
+        double side = vertices == 6 ? 0 : -sqrt(0.5);
+        expect_vec3(n[1], side, 0, sqrt(1 - side * side)); /* at the ridge */
+        expect_vec3(n[0], -sqrt(0.5), 0, sqrt(0.5));
+    }
+    bench_close(&bench);
+}
+
 /* The same roof, its left side of two faces; at the ridge they are 90 degrees apart. */
 static void edges_are_smooth_up_to_the_angle(void **state)
 {
@@ -1583,6 +1618,7 @@ int main(void)
         cmocka_unit_test(meshes_without_normals_are_smooth_unless_asked),
         cmocka_unit_test(mirrored_meshes_look_where_mitsubas_do),
         cmocka_unit_test(normals_are_made_in_the_world),
+        cmocka_unit_test(vertices_of_an_obj_that_are_alike_are_one),
         cmocka_unit_test(edges_are_smooth_up_to_the_angle),
         cmocka_unit_test(a_vertex_of_very_many_edges_is_parted),
         cmocka_unit_test(the_v_of_obj_files_runs_up),
