@@ -469,14 +469,32 @@ static result_t make_surface(maker_t *m)
     return glossy && illum >= 2 ? make_glossy(m, illum) : result_ok();
 }
 
+static void add_normals(maker_t *m, const map_t *map, blob_ref_t image)
+{
+    m->record.normal_map = add_texture(m, map, image, CHANNEL_RGB, 1).texture;
+    m->record.normal_scale = (float)map->gain;
+}
+
+/* Blender writes "map_Bump -bm STRENGTH" for an image of normals. */
+static void add_bump(maker_t *m, const map_t *map, blob_ref_t image)
+{
+    if (map->channel != 0 || !scene_image_holds_normals(m->scene, image)) {
+        m->record.bump = add_texture(m, map, image, CHANNEL_LUMINANCE, map->gain).texture;
+        return;
+    }
+    report_warning(m->scene->report, map->at,
+                   "this bump map holds normals and not heights: it is taken for a normal map of strength %g",
+                   map->gain);
+    add_normals(m, map, image);
+}
+
 static result_t make_bumps(maker_t *m)
 {
     const map_t *normal = &m->entry->maps[MAP_NORMAL], *bump = &m->entry->maps[MAP_BUMP];
     const scene_image_t *image = NULL;
     if (normal->name) TRY(find_image(m, normal, 1, &image));
     if (image) {
-        m->record.normal_map = add_texture(m, normal, image->image, CHANNEL_RGB, 1).texture;
-        m->record.normal_scale = (float)normal->gain;
+        add_normals(m, normal, image->image);
         return result_ok();
     }
     if (!bump->name) return result_ok();
@@ -486,7 +504,7 @@ static result_t make_bumps(maker_t *m)
         return result_ok();
     }
     TRY(find_image(m, bump, 1, &image));
-    if (image) m->record.bump = add_texture(m, bump, image->image, CHANNEL_LUMINANCE, bump->gain).texture;
+    if (image) add_bump(m, bump, image->image);
     return result_ok();
 }
 

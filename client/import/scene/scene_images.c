@@ -289,6 +289,22 @@ rgb_t scene_image_most(const scene_builder_t *scene, blob_ref_t ref)
     return vec3((float)most[0], (float)most[1], (float)most[2]);
 }
 
+bool scene_image_holds_normals(const scene_builder_t *scene, blob_ref_t ref)
+{
+    blob_image_t image = scene_image_record(scene, ref);
+    const uint32_t *texels = blob_builder_records(scene->blob, BLOB_SECTION_TEXELS);
+    const vec3_t mean = scene_image_average(scene, ref);
+    if (fabsf(mean.x - 0.5f) > 0.1f || fabsf(mean.y - 0.5f) > 0.1f || mean.z < 0.75f) return false;
+    size_t count = (size_t)image.width * image.height, units = 0;
+    for (size_t i = 0; i < count; ++i) {
+        double rgb[3], length2 = 0;
+        pixel(&image, texels, i, rgb);
+        for (int k = 0; k < 3; ++k) length2 += (2 * rgb[k] - 1) * (2 * rgb[k] - 1);
+        units += fabs(sqrt(length2) - 1) < 0.1;
+    }
+    return units >= count - count / 4;
+}
+
 float *scene_image_greys(const scene_builder_t *scene, blob_ref_t ref)
 {
     blob_image_t image = scene_image_record(scene, ref);

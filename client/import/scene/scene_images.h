@@ -45,6 +45,9 @@ double scene_image_mean(const scene_builder_t *scene, blob_ref_t image,
 rgb_t scene_image_average(const scene_builder_t *scene, blob_ref_t image);
 /* The largest value of each channel in an image of the blob, linear. */
 rgb_t scene_image_most(const scene_builder_t *scene, blob_ref_t image);
+/* Whether an image plainly holds normals in tangent space and not colours or heights: three quarters of its
+ * linear colours are unit vectors n as (n + 1) / 2, and their mean looks outward. A grey image never does. */
+bool scene_image_holds_normals(const scene_builder_t *scene, blob_ref_t image);
 /* The mean of the colours of each pixel of an image, linear, in fresh memory that the caller frees. */
 float *scene_image_greys(const scene_builder_t *scene, blob_ref_t image);
 /* A copy of an image with the mean of its colours as grey; the image itself when it is grey. */

@@ -332,6 +332,46 @@ static void maps_lie_on_the_surface_as_their_options_say(void **state)
     bench_close(&bench);
 }
 
+/* A TGA of 4 x 4 pixels whose colours are given as red, green and blue, in turn. */
+static void write_colours(bench_t *bench, const char *name, const uint8_t (*colours)[3], size_t count)
+{
+    uint8_t file[18 + 3 * 16] = {[2] = 2, [12] = 4, [14] = 4, [16] = 24};
+    for (size_t i = 0; i < 16; ++i)
+        for (size_t k = 0; k < 3; ++k) file[18 + 3 * i + k] = colours[i % count][2 - k];
+    bench_write(bench, name, file, sizeof file);
+}
+
+/* Blender writes its normal maps as bump maps. */
+static void a_bump_map_of_normals_is_a_normal_map(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *statement;
+        uint8_t colours[3][3];
+        bool normals;
+    } cases[] = {
+        {"map_Bump -bm 0.5 n.tga\n", {{128, 128, 255}, {179, 128, 245}, {77, 128, 245}}, true},
+        {"map_Bump -imfchan r -bm 0.5 n.tga\n", {{128, 128, 255}, {179, 128, 245}, {77, 128, 245}}, false},
+        {"map_Bump -bm 0.5 n.tga\n", {{128, 128, 128}, {128, 128, 128}, {255, 255, 255}}, false},
+        {"map_Bump -bm 0.5 n.tga\n", {{200, 200, 200}, {201, 201, 201}, {202, 202, 202}}, false},
+        {"map_Bump -bm 0.5 n.tga\n", {{255, 128, 128}, {245, 128, 179}, {245, 128, 77}}, false},
+        {"map_Bump -bm 0.5 n.tga\n", {{255, 0, 255}, {0, 255, 255}, {128, 128, 255}}, false}, /* too long */
+    };
+    bench_t bench = {0};
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        write_colours(&bench, "n.tga", cases[i].colours, 3);
+        run_material(&bench, cases[i].statement);
+        bench_expect_ok(&bench);
+        const blob_material_t *material = material_of(&bench, 0);
+        assert_int_equal(material->normal_map != 0, cases[i].normals);
+        assert_int_equal(material->bump != 0, !cases[i].normals);
+        assert_int_equal(strstr(bench.warnings, "a.mtl:2: this bump map holds normals") != NULL,
+                         cases[i].normals);
+        if (cases[i].normals) expect_near((double)material->normal_scale, 0.5, 0);
+    }
+    bench_close(&bench);
+}
+
 static void a_missing_image_is_an_error_unless_lenient(void **state)
 {
     (void)state;
@@ -381,6 +421,7 @@ int main(void)
         cmocka_unit_test(phong_becomes_what_reflects_as_much),
         cmocka_unit_test(opacity_is_d_or_the_rest_of_tr),
         cmocka_unit_test(maps_lie_on_the_surface_as_their_options_say),
+        cmocka_unit_test(a_bump_map_of_normals_is_a_normal_map),
         cmocka_unit_test(a_missing_image_is_an_error_unless_lenient),
         cmocka_unit_test(libraries_that_are_missing_or_wrong_are_named),
     };
