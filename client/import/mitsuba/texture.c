@@ -84,12 +84,14 @@ static result_t read_channel(mitsuba_t *m, const element_t *object, texture_use_
         "channel \"%.20s\" is not supported; it may be r, g, b or a. The nearest is all of them", name);
 }
 
-/* Mitsuba's gamma: 0 as the file says, -1 sRGB. */
-static result_t read_gamma(mitsuba_t *m, const element_t *object, texture_use_t use, float *gamma)
+/* Mitsuba's gamma: 0 as the file says, -1 sRGB. Alpha is linear always. */
+static result_t read_gamma(mitsuba_t *m, const element_t *object, texture_use_t use, channel_t channel,
+                           float *gamma)
 {
     double given = use == TEXTURE_NORMALS ? 1 : 0;
     TRY(property_number(m, object, "gamma", -1, 100, &given));
     if (given < 0 && given != -1) return error_at(object->at, "gamma must be -1 (sRGB), 0 or above");
+    if (channel == CHANNEL_A) given = 1;
     *gamma = given == 0 ? SCENE_GAMMA_OF_FILE : given == -1 ? 0 : (float)given;
     return result_ok();
 }
@@ -107,17 +109,19 @@ static result_t make_bitmap(mitsuba_t *m, element_t *object, texture_use_t use, 
     TRY(read_mapping(m, object, flipped, &texture));
     TRY(read_wraps(m, object, &texture));
     TRY(read_channel(m, object, use, &texture.channel));
-    TRY(read_gamma(m, object, use, &gamma));
+    TRY(read_gamma(m, object, use, texture.channel, &gamma));
     property_ignore(object, "maxAnisotropy"); /* how Mitsuba filters and caches */
     property_ignore(object, "cache");
     if (strcasecmp(filter, "nearest") == 0) texture.flags |= TEXTURE_NEAREST;
     char *path = element_path(object, file);
-    result_t result = scene_image_of_file(m->scene, path, gamma, SCENE_ALPHA_WITHIN, object->at, &image);
+    result_t result = scene_image_of_file(m->scene, path, gamma, SCENE_ALPHA_APART, object->at, &image);
     free(path);
     TRY(report_excuse(m->report, result, "the texture is grey"));
     *value = blob_constant(0.5f);
     if (!image) return result_ok();
-    texture.image = image->image;
+    bool apart = texture.channel == CHANNEL_A && image->alpha != 0;
+    texture.image = apart ? image->alpha : image->image;
+    if (apart) texture.channel = CHANNEL_R;
     *value = scene_add_texture(m->scene, &texture);
     return result_ok();
 }

@@ -99,26 +99,27 @@ static blob_ref_t store(scene_builder_t *scene, const texture_image_t *source, b
 static bool is_opaque(const texture_image_t *source)
 {
     bool opaque = true, bytes = source->type == TEXELS_U8;
-    size_t values = 4 * (size_t)source->width * source->height;
-    for (size_t i = 3; source->channels == 4 && i < values; i += 4)
+    size_t step = source->channels, values = step * source->width * source->height;
+    for (size_t i = step - 1; step % 2 == 0 && i < values; i += step)
         opaque = opaque && (bytes ? source->bytes[i] == 255 : source->floats[i] == 1);
     return opaque;
 }
 
-/* The alpha of RGBA as a grey image, decoded like the colours; 0 when it is 1 everywhere. */
+/* The alpha, the last of two or four channels, as a grey image, decoded like the colours; 0 when it is 1
+ * everywhere. */
 static blob_ref_t store_alpha(scene_builder_t *scene, const texture_image_t *source, float gamma)
 {
     if (is_opaque(source)) return 0;
-    size_t pixels = (size_t)source->width * source->height;
+    size_t pixels = (size_t)source->width * source->height, step = source->channels;
     texture_image_t alpha = *source;
     alpha.channels = 1;
     alpha.bytes = source->bytes ? mem_alloc(pixels) : NULL;
     alpha.floats = source->floats ? mem_alloc(pixels * sizeof *alpha.floats) : NULL;
     for (size_t i = 0; i < pixels; ++i)
         if (source->bytes)
-            alpha.bytes[i] = source->bytes[4 * i + 3];
+            alpha.bytes[i] = source->bytes[step * (i + 1) - 1];
         else
-            alpha.floats[i] = source->floats[4 * i + 3];
+            alpha.floats[i] = source->floats[step * (i + 1) - 1];
     blob_ref_t stored = store(scene, &alpha, source->type == TEXELS_FLOAT, true, gamma);
     texture_image_free(&alpha);
     return stored;

@@ -348,12 +348,12 @@ static result_t read_encoding_v4(params_t *params, const char *filename, positio
 }
 
 /* A number from an image of colours: v3 takes the luminance, v4 the mean, but alpha where that is not 1
- * everywhere. */
+ * everywhere. Of grey with alpha both take the grey. */
 static void take_number(const pbrt_t *p, blob_texture_t *texture, const scene_image_t *file)
 {
     bool v3 = p->dialect.dialect == DIALECT_V3;
     texture->channel = file->grey || file->alpha ? CHANNEL_R : v3 ? CHANNEL_LUMINANCE : CHANNEL_MEAN;
-    if (file->alpha) texture->image = file->alpha;
+    if (file->alpha && !file->grey) texture->image = file->alpha;
 }
 
 static result_t read_scale(pbrt_t *p, params_t *params, blob_texture_t *texture)

@@ -2,11 +2,13 @@
  */
 #include "tests/unit/client/import/test_import.h"
 
+#include <png.h>
 #include <sys/stat.h>
 #include <zlib.h>
 
 #include "client/import/mitsuba/daylight_emitter.h"
 #include "common/base.h"
+#include "common/image/image.h"
 #include "common/job.h"
 
 #define SCENE(body) "<scene version=\"0.6.0\">" body "</scene>"
@@ -1207,6 +1209,78 @@ static void a_channel_of_an_image_is_taken_or_told(void **state)
     bench_close(&bench);
 }
 
+/* An EXR of two pixels: 300, 0.001, 0.5 with an alpha of 1, and black with 0.25. */
+static void write_exr_with_alpha(bench_t *bench)
+{
+    static const float values[4][2] = {{300, 0}, {0.001f, 0}, {0.5f, 0}, {1, 0.25f}};
+    static const char *const names[] = {"R", "G", "B", "A"};
+    image_t image;
+    uint8_t *bytes;
+    size_t size;
+    char *path = bench_path(bench, "a.exr");
+    image_init(&image, 2, 1);
+    for (int k = 0; k < 4; ++k) image_add_view(&image, names[k], PIXEL_FLOAT, values[k], 1);
+    assert_int_equal(image_write_exr(path, &image).code, RESULT_OK);
+    assert_int_equal(file_read(path, 1 << 20, &bytes, &size).code, RESULT_OK);
+    bench_write(bench, "a.exr", bytes, size); /* which removes it in the end */
+    image_free(&image);
+    free(bytes);
+    free(path);
+}
+
+/* A PNG of 16 bits: the grey 1000 / 65535, encoded, and a black pixel whose alpha is a half. */
+static void write_png_of_16_bits(bench_t *bench, uint32_t format)
+{
+    const uint16_t colours[8] = {1000, 1000, 1000, 65535, 0, 0, 0, 32768}, greys[4] = {1000, 65535, 0, 32768};
+    uint8_t bytes[1024];
+    png_image image = {.version = PNG_IMAGE_VERSION, .width = 2, .height = 1, .format = format};
+    png_alloc_size_t size = sizeof bytes;
+    const void *pixels = format == PNG_FORMAT_LINEAR_Y_ALPHA ? greys : colours;
+    assert_true(png_image_write_to_memory(&image, bytes, &size, 0, pixels, 0, NULL));
+    bench_write(bench, "a.png", bytes, size);
+}
+
+/* The first two texels of the image of the reflectance's texture, which is to have that channel. */
+static const float *floats_of(const bench_t *bench, channel_t channel, texels_t format)
+{
+    const blob_texture_t *texture =
+        &bench->blob.textures[material_of(bench)->values[VALUE_REFLECTANCE].texture - 1];
+    const blob_image_t *image = &bench->blob.images[texture->image - 1];
+    assert_int_equal(texture->channel, channel);
+    assert_int_equal(image->format, format);
+    return (const float *)(bench->blob.texels + image->first_word);
+}
+
+/* Mitsuba keeps halves. */
+static void images_of_floats_stay_so_beside_alpha(void **state)
+{
+    (void)state;
+#define BITMAP(name, more)                                                                                   \
+    "<bsdf type=\"diffuse\"><texture name=\"reflectance\" type=\"bitmap\"><string name=\"filename\" "        \
+    "value=\"" name "\"/>" more "</texture></bsdf>"
+#define ALPHA "<string name=\"channel\" value=\"a\"/>"
+    static const uint32_t formats[] = {PNG_FORMAT_LINEAR_RGB_ALPHA, PNG_FORMAT_LINEAR_Y_ALPHA};
+    const double decoded = 1000.0 / 65535 / 12.92;
+    bench_t bench = {0};
+    write_exr_with_alpha(&bench);
+    run_bsdf(&bench, BITMAP("a.exr", ""));
+    const float *floats = floats_of(&bench, CHANNEL_RGB, TEXELS_RGB32F);
+    expect_vec3(vec3(floats[0] / 300, floats[1] * 1000, floats[2]), 1, 1, 0.5);
+    run_bsdf(&bench, BITMAP("a.exr", ALPHA));
+    expect_near((double)floats_of(&bench, CHANNEL_R, TEXELS_R32F)[1], 0.25, 0);
+    for (size_t i = 0; i < ARRAY_LENGTH(formats); ++i) {
+        write_png_of_16_bits(&bench, formats[i]);
+        run_bsdf(&bench, BITMAP("a.png", ""));
+        floats = floats_of(&bench, CHANNEL_RGB, i == 0 ? TEXELS_RGB32F : TEXELS_R32F);
+        expect_near((double)floats[0], decoded, 1e-9);
+        run_bsdf(&bench, BITMAP("a.png", ALPHA)); /* linear, whatever the colours are */
+        floats = floats_of(&bench, CHANNEL_R, TEXELS_R32F);
+        expect_near((double)floats[0], 1, 0);
+        expect_near((double)floats[1], 32768.0 / 65535, 1e-6);
+    }
+    bench_close(&bench);
+}
+
 static void coats_may_be_tinted(void **state)
 {
     (void)state;
@@ -1633,6 +1707,7 @@ int main(void)
         cmocka_unit_test(phong_and_ward_are_read),
         cmocka_unit_test(reflectances_that_gain_energy_are_scaled_as_in_mitsuba),
         cmocka_unit_test(a_channel_of_an_image_is_taken_or_told),
+        cmocka_unit_test(images_of_floats_stay_so_beside_alpha),
         cmocka_unit_test(coats_may_be_tinted),
         cmocka_unit_test(glass_does_without_a_clear_coat),
         cmocka_unit_test(plastic_is_linear_in_its_colour_unless_asked),
