@@ -332,6 +332,21 @@ static void maps_lie_on_the_surface_as_their_options_say(void **state)
     bench_close(&bench);
 }
 
+static void opacity_is_the_alpha_of_grey_images_as_well(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    const uint8_t file[18 + 4] = {[2] = 3, [12] = 2, [14] = 1, [16] = 16, [18] = 9, 255, 7, 64};
+    bench_write(&bench, "a.tga", file, sizeof file);
+    run_material(&bench, "map_d a.tga\n");
+    bench_expect_ok(&bench);
+    const blob_texture_t *opacity = &bench.blob.textures[bench.blob.shapes[0].alpha.texture - 1];
+    const blob_image_t *alpha = &bench.blob.images[opacity->image - 1];
+    assert_int_equal(opacity->channel, CHANNEL_R);
+    assert_memory_equal(bench.blob.texels + alpha->first_word, ((uint8_t[]){255, 64}), 2);
+    bench_close(&bench);
+}
+
 /* A TGA of 4 x 4 pixels whose colours are given as red, green and blue, in turn. */
 static void write_colours(bench_t *bench, const char *name, const uint8_t (*colours)[3], size_t count)
 {
@@ -421,6 +436,7 @@ int main(void)
         cmocka_unit_test(phong_becomes_what_reflects_as_much),
         cmocka_unit_test(opacity_is_d_or_the_rest_of_tr),
         cmocka_unit_test(maps_lie_on_the_surface_as_their_options_say),
+        cmocka_unit_test(opacity_is_the_alpha_of_grey_images_as_well),
         cmocka_unit_test(a_bump_map_of_normals_is_a_normal_map),
         cmocka_unit_test(a_missing_image_is_an_error_unless_lenient),
         cmocka_unit_test(libraries_that_are_missing_or_wrong_are_named),

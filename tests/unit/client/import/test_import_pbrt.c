@@ -1073,10 +1073,10 @@ static void write_pfm(bench_t *bench, const char *name, const float values[6])
     bench_write(bench, name, data, sizeof data);
 }
 
-/* A TGA without compression of 1 x 2 pixels: `channels` of 1, 3 or 4 bytes a pixel, rows from the bottom. */
+/* A TGA without compression of 1 x 2 pixels: `channels`, of 1 to 4, bytes a pixel, rows from the bottom. */
 static void write_tga(bench_t *bench, const char *name, uint8_t channels, const uint8_t *pixels)
 {
-    uint8_t data[18 + 8] = {[2] = channels == 1 ? 3 : 2, [12] = 1, [14] = 2, [16] = (uint8_t)(8 * channels)};
+    uint8_t data[18 + 8] = {[2] = channels <= 2 ? 3 : 2, [12] = 1, [14] = 2, [16] = (uint8_t)(8 * channels)};
     if (channels == 4) data[17] = 8;
     memcpy(data + 18, pixels, (size_t)2 * channels);
     bench_write(bench, name, data, 18 + (size_t)2 * channels);
@@ -1264,6 +1264,21 @@ static void options_of_v4_images_are_applied(void **state)
     bench_close(&bench);
 }
 
+/* pbrt-v4 reads the grey alone where it lies beside alpha. */
+static void alpha_beside_grey_is_no_number(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    write_tga(&bench, "a.tga", 2, (const uint8_t[]){7, 64, 9, 255});
+    run_texture(&bench, false,
+                "Texture \"f\" \"float\" \"imagemap\" \"string filename\" \"a.tga\"\n" TEXTURE(
+                    "imagemap") "\"string filename\" \"a.tga\"");
+    const blob_image_t *grey = &bench.blob.images[bench.blob.textures[0].image - 1];
+    assert_int_equal(bench.blob.textures[0].channel, CHANNEL_R);
+    assert_memory_equal(bench.blob.texels + grey->first_word, ((uint8_t[]){9, 7}), 2);
+    bench_close(&bench);
+}
+
 static void images_on_other_mappings_are_upright(void **state)
 {
     (void)state;
@@ -1418,6 +1433,7 @@ int main(void)
         cmocka_unit_test(encodings_of_images_are_applied),
         cmocka_unit_test(a_file_is_stored_once),
         cmocka_unit_test(options_of_v4_images_are_applied),
+        cmocka_unit_test(alpha_beside_grey_is_no_number),
         cmocka_unit_test(images_on_other_mappings_are_upright),
         cmocka_unit_test(a_material_keeps_a_texture_that_is_replaced),
         cmocka_unit_test(bumps_and_normal_maps_are_read),
