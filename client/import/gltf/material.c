@@ -420,6 +420,26 @@ static result_t fill(maker_t *m)
     return emitting_sides(m);
 }
 
+/* On a mesh without TANGENT normal maps lie along the texture coordinates of the normal texture (the glTF 2.0
+ * specification, section 3.7.2.1), and the renderer's along those that are a mesh's first. Where the normal
+ * texture has the second, the two change places: here in the textures from the first on that the material
+ * made, and in its meshes when they are read. */
+static void choose_first_set(maker_t *m, uint32_t first)
+{
+    blob_builder_t *blob = m->document->builder->blob;
+    blob_texture_t *textures = blob_builder_records(blob, BLOB_SECTION_TEXTURES);
+    blob_ref_t base = m->record.normal_map, coat = m->record.coat_normal_map, map = base ? base : coat;
+    if (base && coat && textures[base - 1].mapping != textures[coat - 1].mapping)
+        item_warn(m->item,
+                  "its normal maps have different texture coordinates; on a mesh without TANGENT both lie "
+                  "along those of normalTexture");
+    m->out->swaps_sets = map && textures[map - 1].mapping == MAPPING_UV2;
+    if (!m->out->swaps_sets) return;
+    for (uint32_t i = first; i < blob_builder_count(blob, BLOB_SECTION_TEXTURES); ++i)
+        if (textures[i].kind == TEXTURE_IMAGE)
+            textures[i].mapping = textures[i].mapping == MAPPING_UV ? MAPPING_UV2 : MAPPING_UV;
+}
+
 result_t material_get(document_t *document, uint32_t index, bool coloured, const gltf_material_t **material)
 {
     size_t count = document_count(document, TOP_MATERIALS);
@@ -437,7 +457,9 @@ result_t material_get(document_t *document, uint32_t index, bool coloured, const
     maker_t m = {.document = document, .item = &item, .coloured = coloured, .out = out};
     m.record.kind = MATERIAL_GLTF;
     m.record.flags = MATERIAL_REMAP_SQUARE;
+    uint32_t first_texture = blob_builder_count(document->builder->blob, BLOB_SECTION_TEXTURES);
     TRY(fill(&m));
+    choose_first_set(&m, first_texture);
     m.record.name = blob_builder_string(document->builder->blob, name);
     out->index = blob_builder_add(document->builder->blob, BLOB_SECTION_MATERIALS, &m.record, 1);
     out->needs_tangents = m.record.normal_map != 0 || m.record.coat_normal_map != 0 ||

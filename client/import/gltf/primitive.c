@@ -118,6 +118,15 @@ static void add_bitangents(reader_t *r)
     }
 }
 
+/* Where a mesh has but one set, that one stands for both. */
+static void swap_sets(mesh_t *mesh)
+{
+    vec2_t *first = mesh->uvs;
+    if (!mesh->uvs2) return;
+    mesh->uvs = mesh->uvs2;
+    mesh->uvs2 = first;
+}
+
 static result_t read_colours(reader_t *r)
 {
     accessor_t accessor;
@@ -257,6 +266,7 @@ static result_t read_all(reader_t *r, const gltf_material_t *material, const def
     TRY(read_uvs(r, "TEXCOORD_1", &r->mesh->uvs2));
     TRY(read_colours(r));
     TRY(deform_morph(r, deform));
+    if (material->swaps_sets) swap_sets(r->mesh);
     limit_colours(r->mesh);
     add_bitangents(r);
     return deform_skin(r, deform, skinned);

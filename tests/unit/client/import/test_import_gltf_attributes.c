@@ -10,7 +10,7 @@ typedef struct {
     float positions[4][3], normals[4][3], uvs[4][2];
     float up[4][4], up_mirrored[4][4], right[4][4], turn[4][3], wrong[4][4];
     float times[2], turns[2][4], weights[4][4];
-    float slide[4][2], colours[4][4], paint[4][3], fade[4][4];
+    float slide[4][2], second[4][2], colours[4][4], paint[4][3], fade[4][4];
     uint16_t indices[6];
     uint8_t joints[4][4], pad[4];
 } data_t;
@@ -28,6 +28,7 @@ static const data_t data = {
     .turns = {{0, 0, 0, 1}, {0, 0, 0.70710678f, 0.70710678f}}, /* a quarter turn about z */
     .weights = {{1, 0, 0, 0}, {1, 0, 0, 0}, {1, 0, 0, 0}, {1, 0, 0, 0}},
     .slide = {{1, 0}, {0, 2}, {0, 0}, {0, 0}},
+    .second = {{0, 0}, {0, 1}, {1, 1}, {1, 0}}, /* u runs along y, v against x */
     .colours = {{0.5f, 0.5f, 0.5f, 0.5f}, {0, 0, 0, 1}, {0, 0, 0, 1}, {7, 0, 0, 1}},
     .paint = {{4, -2, 0.25f}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}},
     .fade = {{0, 0, 0, 0.5f}, {0, 0, 0, 0}, {0, 0, 0, 0}, {-6.5f, 0, 0, 0}},
@@ -61,6 +62,7 @@ static const struct {
     /* 15 */ ROW(paint, FLOATS, "\"count\":4,\"type\":\"VEC3\""),
     /* 16 */ ROW(fade, FLOATS, "\"count\":4,\"type\":\"VEC4\""),
     /* 17 */ ROW(times, FLOATS, "\"count\":2,\"type\":\"SCALAR\""),
+    /* 18 */ ROW(second, FLOATS, "\"count\":4,\"type\":\"VEC2\""),
 };
 
 /* Two maps of one texel: what is 0.6 along the tangent and 0.8 along the normal, and the same along the
@@ -121,14 +123,15 @@ static bsdf_t seen(const bench_t *bench, float x, float y, float time)
 }
 
 /* The two maps, with the surface's normal along z, must show the tangent and the bitangent. */
-static void expect_tangents(const char *rest, vec2_t place, float time, vec3_t tangent, vec3_t bitangent)
+static void expect_tangents_of(const char *const maps[2], const char *rest, vec2_t place, float time,
+                               vec3_t tangent, vec3_t bitangent)
 {
     import_wishes_t wishes = import_wishes_none();
     wishes.time_point = 0.5, wishes.shutter = "1";
     bench_t bench = {.wishes = strstr(rest, "\"animations\"") ? &wishes : NULL};
     vec3_t expected[2] = {tangent, bitangent};
     for (int i = 0; i < 2; ++i) {
-        run(&bench, i ? "\"normalTexture\":{\"index\":1}" : MAP, rest);
+        run(&bench, maps[i], rest);
         bench_expect_ok(&bench);
         vec3_t n = seen(&bench, place.x, place.y, time).ns;
         expect_near((double)n.x, 0.6 * (double)expected[i].x, 1e-5);
@@ -136,6 +139,12 @@ static void expect_tangents(const char *rest, vec2_t place, float time, vec3_t t
         expect_near((double)n.z, 0.8, 1e-5);
     }
     bench_close(&bench);
+}
+
+static void expect_tangents(const char *rest, vec2_t place, float time, vec3_t tangent, vec3_t bitangent)
+{
+    static const char *const maps[2] = {MAP, "\"normalTexture\":{\"index\":1}"};
+    expect_tangents_of(maps, rest, place, time, tangent, bitangent);
 }
 
 static const vec2_t middle = {0.4f, 0.6f}, left = {-0.4f, 0.6f};
@@ -229,6 +238,48 @@ static void tangents_are_kept_where_something_follows_them(void **state)
     assert_int_equal(first_tangent("\"doubleSided\":true", both), 0);
     assert_int_equal(first_tangent(MAP, NORMAL), 0);
     assert_int_equal(first_tangent(MAP, ",\"TANGENT\":3"), 0);
+}
+
+/* The set of the mesh that a texture goes by: 0, or 1 for `second`. */
+static int set_of(const bench_t *bench, blob_ref_t texture)
+{
+    const blob_mesh_t *mesh = bench->blob.meshes;
+    bool first = bench->blob.textures[texture - 1].mapping == MAPPING_UV;
+    const vec2_t *uv = bench->blob.uvs + (first ? mesh->first_uv : mesh->first_uv2);
+    return uv[1].x == 0;
+}
+
+static void normal_maps_follow_their_own_texture_coordinates(void **state)
+{
+    (void)state;
+#define SECOND(index) "\"normalTexture\":{\"index\":" index ",\"texCoord\":1}"
+#define COLOURED "\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}},"
+    static const char *const maps[2] = {COLOURED SECOND("0"), COLOURED SECOND("1")};
+    const char *rest = MESH(",\"TEXCOORD_1\":18", "") NODE("");
+    bench_t bench = {0};
+    expect_tangents_of(maps, rest, middle, 0, plus_y, minus_x);
+    expect_tangents_of(maps, MESH(NORMAL ",\"TEXCOORD_1\":18", "") NODE(""), middle, 0, plus_y, minus_x);
+    expect_tangents_of(maps, MESH(NORMAL ",\"TEXCOORD_1\":18,\"TANGENT\":5", "") NODE(""), middle, 0, plus_x,
+                       plus_y);
+    expect_tangents_of(maps, MESH(NORMAL, "") NODE(""), middle, 0, plus_x, plus_y); /* no second set */
+    expect_tangents(rest, middle, 0, plus_x, plus_y);
+    run(&bench, maps[0], rest);
+    bench_expect_ok(&bench);
+    assert_null(strstr(bench.warnings, "different texture coordinates"));
+    const blob_material_t *material = &bench.blob.materials[bench.blob.shapes[0].material];
+    assert_int_equal(set_of(&bench, material->normal_map), 1);
+    assert_int_equal(set_of(&bench, material->values[VALUE_REFLECTANCE].texture), 0);
+    run(&bench, COLOURED COAT "\"index\":0,\"texCoord\":1}}}", rest);
+    bench_expect_ok(&bench);
+    assert_null(strstr(bench.warnings, "different texture coordinates"));
+    material = &bench.blob.materials[bench.blob.shapes[0].material];
+    assert_int_equal(bench.blob.textures[material->coat_normal_map - 1].mapping, MAPPING_UV);
+    assert_int_equal(set_of(&bench, material->coat_normal_map), 1);
+    assert_int_equal(set_of(&bench, material->values[VALUE_REFLECTANCE].texture), 0);
+    run(&bench, SECOND("0") "," COAT "\"index\":0}}}", rest);
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "its normal maps have different texture coordinates");
+    bench_close(&bench);
 }
 
 static void anisotropy_follows_the_tangents_of_the_file(void **state)
@@ -335,6 +386,7 @@ int main(void)
         cmocka_unit_test(tangents_follow_skins_and_targets),
         cmocka_unit_test(tangents_move_while_the_shutter_is_open),
         cmocka_unit_test(tangents_are_kept_where_something_follows_them),
+        cmocka_unit_test(normal_maps_follow_their_own_texture_coordinates),
         cmocka_unit_test(anisotropy_follows_the_tangents_of_the_file),
         cmocka_unit_test(tangents_that_are_none_are_errors),
         cmocka_unit_test(targets_move_texture_coordinates),
