@@ -84,14 +84,13 @@ static result_t read_relative_index(maker_t *k, double inner)
     return result_ok();
 }
 
+/* alpha is for the one of alphaU and alphaV that is not given. */
 static result_t read_widths(maker_t *k, material_value_t u, material_value_t v)
 {
     TRY(value(k, "alpha", 0.1, u));
     k->record.values[v] = k->record.values[u];
-    bool own = property_find(k->object, "alphaU") || property_find(k->object, "alphaV");
-    if (!own) return result_ok();
-    TRY(value(k, "alphaU", 0.1, u));
-    return value(k, "alphaV", 0.1, v);
+    if (property_find(k->object, "alphaU")) TRY(value(k, "alphaU", 0.1, u));
+    return property_find(k->object, "alphaV") ? value(k, "alphaV", 0.1, v) : result_ok();
 }
 
 static result_t read_alphas(maker_t *k, material_value_t u, material_value_t v)

@@ -1147,6 +1147,14 @@ static void phong_and_ward_are_read(void **state)
         expect_near(number(&bench, VALUE_ROUGHNESS_U), 0.3, 1e-6);
         expect_near(number(&bench, VALUE_ROUGHNESS_V), 0.1, 1e-6);
     }
+    run_bsdf(&bench, "<bsdf type=\"ward\"><float name=\"alpha\" value=\".4\"/><float name=\"alphaU\" "
+                     "value=\".2\"/></bsdf>");
+    expect_near(number(&bench, VALUE_ROUGHNESS_U), 0.2, 1e-6);
+    expect_near(number(&bench, VALUE_ROUGHNESS_V), 0.4, 1e-6);
+    run_bsdf(&bench, "<bsdf type=\"ward\"><float name=\"alphaV\" value=\".2\"/><float name=\"alpha\" "
+                     "value=\".4\"/></bsdf>");
+    expect_near(number(&bench, VALUE_ROUGHNESS_U), 0.4, 1e-6);
+    expect_near(number(&bench, VALUE_ROUGHNESS_V), 0.2, 1e-6);
     run_bsdf(&bench, "<bsdf type=\"ward\"><string name=\"variant\" value=\"x\"/></bsdf>");
     expect_text(bench.result.message, "must be ward, ward-duer or balanced, found \"x\"");
     bench_close(&bench);
