@@ -1515,6 +1515,16 @@ static void daylight_comes_from_where_it_is_said_to(void **state)
     vec3_t noon = xform_vector(&bench.blob.lights->world_from_light, vec3(0, 0, 1));
     expect_near((double)noon.z, -sin(23.44 / 57.29577951), 1e-3);
     expect_near((double)noon.y, cos(23.44 / 57.29577951), 1e-3);
+    run_text(&bench, SCENE(SENSOR("") RECTANGLE
+                           "<emitter type=\"sun\"><float name=\"sunRadiusScale\" value=\"0\"/>"
+                           "<transform name=\"toWorld\"><scale z=\"-1\"/></transform>"
+                           "<integer name=\"month\" value=\"6\"/><integer name=\"day\" value=\"21\"/>"
+                           "<float name=\"hour\" value=\"13\"/><float name=\"minute\" value=\"1.8\"/>"
+                           "<float name=\"timezone\" value=\"1\"/><float name=\"latitude\" value=\"0\"/>"
+                           "<float name=\"longitude\" value=\"0\"/></emitter>"));
+    bench_expect_silence(&bench);
+    vec3_t mirrored = xform_vector(&bench.blob.lights->world_from_light, vec3(0, 0, 1));
+    expect_vec3(mirrored, (double)noon.x, (double)noon.y, -(double)noon.z);
     expect_error(&bench, RECTANGLE "<emitter type=\"sky\"><vector name=\"sunDirection\" y=\"-1\"/></emitter>",
                  "the sun is below the horizon");
     expect_error(&bench, RECTANGLE "<emitter type=\"sky\"><float name=\"turbidity\" value=\"11\"/></emitter>",
