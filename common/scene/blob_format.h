@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-enum { BLOB_VERSION = 7 };
+enum { BLOB_VERSION = 8 };
 #define BLOB_NONE 0xFFFFFFFFu
 #define BLOB_MAX_BYTES ((uint64_t)1 << 36)
 /* Of the numbers of tables and fields, and of the coefficients of media: so that no sum of products
@@ -445,7 +445,9 @@ enum {
     MATERIAL_UNIT = 32,        /* pbrt-v4's: REFLECTANCE, TRANSMITTANCE, ALBEDO and AMOUNT are at most 1 */
     MATERIAL_COAT_NORMAL = 64, /* the coat has a normal of its own: that of the surface, turned by the
                                   coat_normal_map where there is one */
-    MATERIAL_DYED = 256,       /* hair absorbs so that many of them together have the colour REFLECTANCE */
+    MATERIAL_CHOSEN = 1024, /* of a mix: each point has one of the parts, by chance, with the relief of that
+                               part; else both, with the relief of the mix */
+    MATERIAL_DYED = 256,    /* hair absorbs so that many of them together have the colour REFLECTANCE */
     MATERIAL_TINTED_BODY =
         512,               /* of a dielectric or Disney's with a body: ALBEDO is the colour of what is below
                               the surface over that of the body; the interface lets its root pass, both

@@ -451,6 +451,7 @@ static uint32_t mix(maker_t *k, uint32_t first, uint32_t second, blob_value_t am
 {
     k->record = (blob_material_t){.kind = MATERIAL_MIX, .parts = {first, second}, .flags = MATERIAL_UNIT};
     k->record.values[VALUE_AMOUNT] = amount;
+    scene_choose_parts(k->m->scene, &k->record);
     return add_record(k);
 }
 

@@ -152,6 +152,16 @@ blob_value_t scene_add_texture(scene_builder_t *scene, const blob_texture_t *tex
                           .texture = 1 + blob_builder_add(scene->blob, BLOB_SECTION_TEXTURES, texture, 1)};
 }
 
+void scene_choose_parts(const scene_builder_t *scene, blob_material_t *mix)
+{
+    const blob_material_t *records = blob_builder_records(scene->blob, BLOB_SECTION_MATERIALS);
+    for (int i = 0; i < 2; ++i) {
+        const blob_material_t *part = &records[mix->parts[i]];
+        if (part->normal_map != 0 || part->bump != 0 || part->flags & MATERIAL_CHOSEN)
+            mix->flags |= MATERIAL_CHOSEN;
+    }
+}
+
 blob_ref_t scene_add_spectrum(scene_builder_t *scene, const blob_spectrum_t *spectrum)
 {
     enum { LOOK_BACK = 16 };

@@ -81,7 +81,7 @@ result_t scene_add_instance(scene_builder_t *scene, uint32_t object, const affin
 /* Says what the last instance is called where its file has a name for it, so that --focus finds it. */
 void scene_name_instance(scene_builder_t *scene, const char *name);
 
-/* ---- lights, textures, the camera ---------------------------------------------------------------------- */
+/* ---- lights, materials, the camera --------------------------------------------------------------------- */
 
 /* Adds a light that is no shape, unless it is black. `light` has everything but its transform. RESULT_INPUT
  * when that is singular, or the light's radiance infinite. */
@@ -92,6 +92,8 @@ bool scene_has_light(const scene_builder_t *scene);
 /* True when the scene gets an environment that its file does not have: import_wishes_t.environment. */
 bool scene_gets_environment(const scene_builder_t *scene);
 
+/* Lets a mix have one of its parts at each point (MATERIAL_CHOSEN) if a part has relief of its own. */
+void scene_choose_parts(const scene_builder_t *scene, blob_material_t *mix);
 /* Adds a spectrum, unless it is one of the last ones, and returns a reference to it. */
 blob_ref_t scene_add_spectrum(scene_builder_t *scene, const blob_spectrum_t *spectrum);
 /* Adds a texture and returns its value. */

@@ -1002,7 +1002,7 @@ static void bad_headers_are_errors(void **state)
         uint64_t value;
         const char *expected;
     } cases[] = {{0, 0, "magic"},
-                 {8, BLOB_VERSION + 1 + ((uint64_t)BLOB_SECTION_COUNT << 32), "version 7"},
+                 {8, BLOB_VERSION + 1 + ((uint64_t)BLOB_SECTION_COUNT << 32), "version 8"},
                  {8, BLOB_VERSION + ((uint64_t)(BLOB_SECTION_COUNT + 1) << 32), "sections"},
                  {16, UINT64_MAX, "says it has"}};
     for (size_t i = 0; i < ARRAY_LENGTH(cases); i++) {

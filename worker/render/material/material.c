@@ -1,6 +1,7 @@
 /* material: see material.h. The frame in which lobes stand is turned in shading_frame.c. */
 #include "worker/render/material/material.h"
 
+#include "common/sampler.h"
 #include "worker/render/material/shading_frame.h"
 
 #define TABLE_ENTRY(kind, shade) [kind] = shade,
@@ -14,6 +15,26 @@ static void shade(const shading_t *shading)
     if (material != NULL) material(shading);
 }
 
+/* The part that a point of a mix has (MATERIAL_CHOSEN), and what it then counts. That of a part which is
+ * such a mix is asked with what is left of the number. */
+static const blob_material_t *choose_part(const shading_t *mix, rgb_t *scale)
+{
+    const blob_material_t *records = scene_blob(mix->scene)->materials;
+    shading_t shading = *mix;
+    float u = sampler_float((uint32_t)(shading_point_key(mix->at->p) >> 32));
+    while (shading.material->flags & MATERIAL_CHOSEN) {
+        rgb_t amount = shading_colour(&shading, VALUE_AMOUNT);
+        amount = vec3(float_min(amount.x, 1), float_min(amount.y, 1), float_min(amount.z, 1));
+        rgb_t rest = v_sub(vec3(1, 1, 1), amount);
+        float chance = float_min(v_dot(amount, vec3(1, 1, 1)) / 3, 1);
+        bool second = u < chance;
+        u = second ? u / chance : (u - chance) / (1 - chance);
+        *scale = v_mul(*scale, second ? v_scale(amount, 1 / chance) : v_scale(rest, 1 / (1 - chance)));
+        shading.material = &records[shading.material->parts[second]];
+    }
+    return shading.material;
+}
+
 void material_bsdf_of(const scene_t *scene, const surface_t *surface, const waves_t *waves, bsdf_t *bsdf)
 {
     texture_point_t at = {.p = surface->p, .n = surface->ns, .colour = {1, 1, 1, 1}};
@@ -22,7 +43,7 @@ void material_bsdf_of(const scene_t *scene, const surface_t *surface, const wave
     bsdf->attenuation = vec3(0, 0, 0);
     bsdf->absorbs = false;
     bsdf->count = 0;
-    vec3_t coat_normal = {0, 0, 1};
+    shading_t shading = {scene, surface->material, &at, vec3(1, 1, 1), bsdf, shade, vec3(0, 0, 1), waves};
     if (surface->fibre) {
         bsdf->s = surface->along;
         bsdf->t = v_cross(bsdf->ns, bsdf->s);
@@ -39,13 +60,14 @@ void material_bsdf_of(const scene_t *scene, const surface_t *surface, const wave
         at.uv = details.uv;
         at.uv2 = details.uv2;
         at.colour = details.colour;
-        shading_frame_turn(bsdf, scene, surface->material, &details, &at);
-        if (surface->material->flags & MATERIAL_COAT_NORMAL)
-            coat_normal = shading_frame_coat(bsdf, scene, surface->material, &details, &at);
+        if (shading.material->flags & MATERIAL_CHOSEN)
+            shading.material = choose_part(&shading, &shading.scale);
+        shading_frame_turn(bsdf, scene, shading.material, &details, &at);
+        if (shading.material->flags & MATERIAL_COAT_NORMAL)
+            shading.coat_normal = shading_frame_coat(bsdf, scene, shading.material, &details, &at);
     } else {
         v_frame(bsdf->ns, &bsdf->s, &bsdf->t);
     }
-    shading_t shading = {scene, surface->material, &at, vec3(1, 1, 1), bsdf, shade, coat_normal, waves};
     shade(&shading);
     bsdf_complete(bsdf);
 }

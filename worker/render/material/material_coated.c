@@ -4,8 +4,6 @@
 
 #include "common/sampler.h"
 
-#include <string.h>
-
 /* The alpha of a smooth metal where the coat is rough or the medium scatters, so that it is no specular lobe.
  * Far below the coat's, since the tails of both add up. */
 #define LEAST_ALPHA 2e-3f
@@ -53,16 +51,6 @@ static float inverse(float x)
     return x > 0 ? 1 / x : 0;
 }
 
-/* A number in [0, 1) that says nothing but where the point is. */
-static float seed_of(vec3_t p)
-{
-    uint32_t words[3];
-    uint64_t key = 0;
-    memcpy(words, &p, sizeof words);
-    for (int i = 0; i < 3; i++) key = sampler_mix(key + words[i] + 0x9E3779B97F4A7C15u);
-    return sampler_float((uint32_t)key);
-}
-
 /* Adds a lobe whose scale is about its albedo, given the reflectance of the base, and sets what all lobes of
  * layers have in common. */
 static lobe_t *add_layers(const shading_t *shading, const lobe_kind_t *kind, const coat_t *coat, rgb_t base)
@@ -80,7 +68,7 @@ static lobe_t *add_layers(const shading_t *shading, const lobe_kind_t *kind, con
     lobe->layered.g = coat->g;
     lobe->layered.smooth = coat->smooth;
     lobe->layered.reflects = !coat->apart;
-    lobe->layered.seed = seed_of(shading->at->p);
+    lobe->layered.seed = sampler_float((uint32_t)shading_point_key(shading->at->p));
     lobe->layered.albedo = coat->albedo;
     lobe->layered.factor = vec3(inverse(albedo.x), inverse(albedo.y), inverse(albedo.z));
     return lobe;

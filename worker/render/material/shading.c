@@ -1,6 +1,10 @@
 /* shading: see shading.h. */
 #include "worker/render/material/shading.h"
 
+#include "common/sampler.h"
+
+#include <string.h>
+
 /* Bounds beyond anything sensible, far enough from overflow for the arithmetic of all lobes. */
 #define LARGEST_VALUE 1e6f
 
@@ -175,6 +179,15 @@ lobe_t *shading_add_reflection(const shading_t *shading, rgb_t r, float ior, con
     lobe->dielectric.ior = ior;
     lobe->dielectric.r = vec3(1 / mean, 1 / mean, 1 / mean);
     return lobe;
+}
+
+uint64_t shading_point_key(vec3_t p)
+{
+    uint32_t words[3];
+    uint64_t key = 0;
+    memcpy(words, &p, sizeof words);
+    for (int i = 0; i < 3; i++) key = sampler_mix(key + words[i] + 0x9E3779B97F4A7C15u);
+    return key;
 }
 
 void shading_delegate(const shading_t *shading, uint32_t material, rgb_t scale)

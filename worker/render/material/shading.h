@@ -22,6 +22,10 @@ struct shading {
     const waves_t *waves;    /* of the channels; NULL: they are red, green and blue */
 };
 
+/* A random number that is a function of a place: all paths that meet there have the same. Its lower half is
+ * for coats, its upper one for mixes. */
+uint64_t shading_point_key(vec3_t p);
+
 /* Values of the material at the point, bounded by 1e6; colours are not negative. A colour is what it is in
  * each channel; */
 rgb_t shading_colour(const shading_t *shading, material_value_t value);

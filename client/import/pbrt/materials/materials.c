@@ -96,7 +96,10 @@ static result_t make_parts(pbrt_t *p, params_t *params, const material_t *materi
     TRY(make_part(p, params, material, 0, record));
     TRY(make_part(p, params, material, 1, record));
     TRY(share_body(p, material, record));
-    if (p->dialect.dialect != DIALECT_V3) return result_ok();
+    if (p->dialect.dialect != DIALECT_V3) {
+        scene_choose_parts(p->builder, record);
+        return result_ok();
+    }
     /* In pbrt-v3 the lobes of both move into the frame that namedmaterial1 has made. */
     const blob_material_t *records = blob_builder_records(p->builder->blob, BLOB_SECTION_MATERIALS);
     record->bump = records[record->parts[1]].bump;

@@ -1322,7 +1322,11 @@ static void bsdfs_may_hold_others(void **state)
     expect_near((double)bench.blob.shapes[0].alpha.factor.x, 0.25, 0);
     run_bsdf(&bench, "<bsdf type=\"blendbsdf\"><float name=\"weight\" value=\".3\"/>" RED BLUE "</bsdf>");
     assert_int_equal(material_of(&bench)->kind, MATERIAL_MIX);
+    assert_int_equal(material_of(&bench)->flags & MATERIAL_CHOSEN, 0);
     expect_near(number(&bench, VALUE_AMOUNT), 0.3, 1e-6);
+    run_bsdf(&bench, "<bsdf type=\"blendbsdf\"><bsdf type=\"bumpmap\"><texture type=\"checkerboard\"/>" RED
+                     "</bsdf>" BLUE "</bsdf>");
+    assert_true(material_of(&bench)->flags & MATERIAL_CHOSEN); /* the parts keep their relief */
     run_bsdf(&bench,
              "<bsdf type=\"mixturebsdf\"><string name=\"weights\" value=\".25, .25\"/>" RED BLUE "</bsdf>");
     expect_near(number(&bench, VALUE_AMOUNT), 0.5, 1e-6); /* the other half is black */

@@ -252,6 +252,16 @@ static void names_may_come_later(void **state)
     assert_int_equal(materials[mix->parts[1]].kind, MATERIAL_CONDUCTOR);
     assert_int_equal(materials[bench.blob.shapes[1].material].values[VALUE_REFLECTANCE].texture, 1);
     assert_int_equal(bench.blob.shapes[2].material, mix->parts[0]);
+    assert_int_equal(mix->flags & MATERIAL_CHOSEN, 0);
+
+    run(&bench, POINT_LIGHT
+        "Texture \"waves\" \"float\" \"wrinkled\"\n"
+        "MakeNamedMaterial \"one\" \"string type\" \"diffuse\" \"texture displacement\" \"waves\"\n"
+        "MakeNamedMaterial \"two\" \"string type\" \"conductor\"\n"
+        "MakeNamedMaterial \"three\" \"string type\" \"mix\" \"string materials\" [\"two\" \"one\"]\n"
+        "Material \"mix\" \"string materials\" [\"two\" \"three\"]\n" SPHERE);
+    bench_expect_silence(&bench);
+    assert_true(material(&bench)->flags & MATERIAL_CHOSEN); /* of a mix with relief */
 
     run(&bench, POINT_LIGHT "NamedMaterial \"absent\"\n" SPHERE);
     expect_text(bench.result.message, "s.pbrt:4:1: there is no MakeNamedMaterial \"absent\"");
