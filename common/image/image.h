@@ -56,6 +56,8 @@ typedef struct {
     size_t channel_count;
     image_attribute_t *attributes;
     size_t attribute_count;
+    bool has_chromaticities;    /* the file says what R, G and B are: */
+    float chromaticities[4][2]; /* x and y of red, green, blue and white; read, never written */
 } image_t;
 
 /* An image without channels. */

@@ -4,6 +4,7 @@
 #include "common/plain_text.h"
 
 #include <stdio.h>
+#include <string.h>
 
 /* The channels that make the texture, in order; 0 when none do. */
 static uint32_t choose_channels(const image_t *file, const image_channel_t *chosen[4])
@@ -40,6 +41,8 @@ static result_t interleave(const char *name, const image_t *file, texture_image_
     if (channels == 0) return refuse(name, file);
     TRY(texture_set_size(name, file->width, file->height, image));
     TRY(texture_allocate(name, channels, TEXELS_FLOAT, image));
+    image->has_chromaticities = file->has_chromaticities;
+    memcpy(image->chromaticities, file->chromaticities, sizeof image->chromaticities);
     size_t pixels = texture_pixels(image);
     for (size_t p = 0; p < pixels; p++)
         for (uint32_t c = 0; c < channels; c++)

@@ -24,7 +24,9 @@ typedef struct {
     bool encoded;
     uint8_t *bytes; /* owned; TEXELS_U8: [height][width][channels] */
     float *floats;  /* owned; TEXELS_FLOAT: the same layout; a 16-bit PNG's values are divided by 65535 */
-    uint64_t bad_values; /* infinite and NaN values of the file, which are 0 here */
+    uint64_t bad_values;        /* infinite and NaN values of the file, which are 0 here */
+    bool has_chromaticities;    /* an EXR that says what its R, G and B are: */
+    float chromaticities[4][2]; /* x and y of red, green, blue and white */
 } texture_image_t;
 
 /* Reads a file in the format that its first bytes tell; one that begins like none is taken for TGA when its

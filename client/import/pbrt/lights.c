@@ -9,6 +9,7 @@
 #include "client/import/pbrt/lights.h"
 #include "client/import/pbrt/materials/media.h"
 #include "client/import/pbrt/state/arguments.h"
+#include "client/import/pbrt/state/images.h"
 #include "client/import/pbrt/state/values.h"
 
 static const double pi = 3.14159265358979323846;
@@ -107,7 +108,7 @@ static void transform_point(const affine_t *t, const double p[3], double out[3])
 
 /* v3 takes the numbers of a file as they are; v4 decodes those of 8-bit files. *image is 0 when none is
  * named. */
-static result_t read_image(pbrt_t *p, params_t *params, position_t at, blob_ref_t *image)
+static result_t read_image(pbrt_t *p, params_t *params, position_t at, image_use_t use, blob_ref_t *image)
 {
     bool v3 = p->dialect.dialect == DIALECT_V3;
     const char *name = v3 ? "mapname" : "filename", *filename = "";
@@ -121,7 +122,7 @@ static result_t read_image(pbrt_t *p, params_t *params, position_t at, blob_ref_
     free(path);
     if (missing) return slip;
     const scene_image_t *read;
-    TRY(pbrt_image(p, filename, v3 ? 1.0f : SCENE_GAMMA_OF_FILE, at, &read));
+    TRY(pbrt_image(p, filename, v3 ? 1.0f : SCENE_GAMMA_OF_FILE, use, at, &read));
     *image = read->image;
     return result_ok();
 }
@@ -158,7 +159,7 @@ static const param_rule_t sample_rules[] = {
 static result_t read_surface_image(pbrt_t *p, params_t *params, position_t at, area_light_t *light)
 {
     blob_ref_t image;
-    TRY(read_image(p, params, at, &image));
+    TRY(read_image(p, params, at, IMAGE_EMITTED, &image));
     if (!image) return result_ok();
     if (params_has(params, "L"))
         return error_at(params_where(params, "L", at), "a light has either \"L\" or \"filename\", not both");
@@ -273,7 +274,7 @@ static result_t make_goniometric(pbrt_t *p, params_t *params, position_t at)
     blob_light_t light = {.kind = LIGHT_GONIOMETRIC};
     double mean = 1;
     TRY(read_emission(p, params, "I", &light.radiance));
-    TRY(read_image(p, params, at, &light.image));
+    TRY(read_image(p, params, at, IMAGE_NUMBERS, &light.image));
     if (light.image) {
         if (v4) light.image = scene_grey_image(p->builder, light.image);
         TRY(choose_mapping(p, &light, LIGHT_LATLONG_Y, at));
@@ -307,7 +308,7 @@ static result_t make_projection(pbrt_t *p, params_t *params, position_t at)
     double fov = v3 ? 45 : 90;
     TRY(v3 ? read_emission(p, params, "I", &light.radiance) : read_scale(p, params, &light.radiance));
     TRY(params_float_in(params, "fov", 1e-3, 179.9, &fov));
-    TRY(read_image(p, params, at, &light.image));
+    TRY(read_image(p, params, at, IMAGE_EMITTED, &light.image));
     if (!light.image && !v3) return error_at(at, "a projection light needs its image: \"string filename\"");
     if (!light.image) light.image = scene_white_image(p->builder);
     blob_image_t image = scene_image_record(p->builder, light.image);
@@ -423,7 +424,7 @@ static result_t make_infinite(pbrt_t *p, params_t *params, position_t at)
     blob_light_t light = {.kind = LIGHT_INFINITE};
     double illuminance = pi;
     TRY(read_emission(p, params, "L", &light.radiance));
-    TRY(read_image(p, params, at, &light.image));
+    TRY(read_image(p, params, at, IMAGE_EMITTED, &light.image));
     if (light.image) {
         if (!v3 && params_has(params, "L"))
             return error_at(params_where(params, "L", at),

@@ -4,6 +4,7 @@
 #include "client/import/pbrt/realistic.h"
 
 #include "client/import/files/lens_file.h"
+#include "client/import/pbrt/state/images.h"
 #include "client/import/scene/lens.h"
 
 #include <stdlib.h>
@@ -106,7 +107,7 @@ static result_t read_shape(pbrt_t *p, const char *name, position_t at, float **v
             return result_ok();
         }
     const scene_image_t *image;
-    TRY(pbrt_image(p, name, SCENE_GAMMA_OF_FILE, at, &image));
+    TRY(pbrt_image(p, name, SCENE_GAMMA_OF_FILE, IMAGE_NUMBERS, at, &image));
     blob_image_t record = scene_image_record(p->builder, image->image);
     size[0] = record.width, size[1] = record.height;
     *values = scene_image_greys(p->builder, image->image);

@@ -26,6 +26,7 @@ typedef struct {
     bool encoded;            /* what the format of its file says */
     bool always_linear;      /* whatever is asked for */
     bool grey;               /* one channel */
+    uint32_t use;            /* of scene_change_t; 0: as in the file */
     blob_ref_t image, alpha; /* alpha: 0 when there is none, or it is not apart */
 } scene_image_t;
 

@@ -6,8 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/image/texture_image.h"
-
 /* ---- encodings ---------------------------------------------------------------------------------------- */
 
 static float gamma_of(float asked, bool encoded)
@@ -127,6 +125,8 @@ static blob_ref_t store_alpha(scene_builder_t *scene, const texture_image_t *sou
 
 /* ---- finding and adding ------------------------------------------------------------------------------- */
 
+enum { ANY_USE = UINT32_MAX }; /* changed, but in the same way for all uses */
+
 static const scene_image_t *remember(scene_builder_t *scene, const char *key, scene_image_t image)
 {
     image.key = mem_strdup(key);
@@ -145,12 +145,13 @@ static blob_ref_t reencode(scene_builder_t *scene, blob_ref_t image, float gamma
     return add_record(scene, &record);
 }
 
-const scene_image_t *scene_find_image(scene_builder_t *scene, const char *key, float asked)
+static const scene_image_t *find(scene_builder_t *scene, const char *key, float asked, uint32_t use)
 {
     const scene_image_t *other = NULL;
     for (size_t i = 0; i < scene->image_count; ++i) {
         const scene_image_t *image = &scene->images[i];
-        if (strcmp(image->key, key) != 0) continue;
+        bool fits = image->use == use || (image->use == ANY_USE && use != 0);
+        if (!fits || strcmp(image->key, key) != 0) continue;
         if (image->always_linear || image->gamma == gamma_of(asked, image->encoded)) return image;
         other = image;
     }
@@ -162,19 +163,33 @@ const scene_image_t *scene_find_image(scene_builder_t *scene, const char *key, f
     return remember(scene, key, image);
 }
 
+const scene_image_t *scene_find_image(scene_builder_t *scene, const char *key, float gamma)
+{
+    return find(scene, key, gamma, 0);
+}
+
+/* The use of the pixels, once they are changed. */
+static uint32_t change_pixels(const scene_change_t *change, const char *name, position_t at,
+                              texture_image_t *pixels)
+{
+    if (!change) return 0;
+    return change->change(change->context, name, at, pixels) ? change->use : ANY_USE;
+}
+
 /* Adds the pixels, if reading them is a success, and frees them. */
 static result_t add(scene_builder_t *scene, const char *key, const char *name, float asked,
-                    scene_alpha_t alpha, position_t at, result_t read, texture_image_t *pixels,
-                    const scene_image_t **image)
+                    scene_alpha_t alpha, const scene_change_t *change, position_t at, result_t read,
+                    texture_image_t *pixels, const scene_image_t **image)
 {
     if (read.code != RESULT_OK) return error_at(at, "%s", read.message);
     if (pixels->bad_values > 0)
         report_warning(scene->report, at,
                        "%s: %" PRIu64 " values are infinite or not a number and taken for 0", name,
                        pixels->bad_values);
+    uint32_t use = change_pixels(change, name, at, pixels);
     bool within = alpha == SCENE_ALPHA_WITHIN, plain = pixels->channels % 2 == 1 && !pixels->encoded;
     bool floats = pixels->type == TEXELS_FLOAT && (!within || plain);
-    scene_image_t added = {.encoded = pixels->encoded, .always_linear = within && floats};
+    scene_image_t added = {.encoded = pixels->encoded, .always_linear = within && floats, .use = use};
     added.gamma = added.always_linear ? 1 : gamma_of(asked, pixels->encoded);
     added.grey = pixels->channels == 1 || (pixels->channels == 2 && !within);
     result_t result = scene_charge(scene, SCENE_PIXELS, (uint64_t)pixels->width * pixels->height, at);
@@ -193,18 +208,24 @@ result_t scene_add_image(scene_builder_t *scene, const char *key, const char *na
 {
     texture_image_t pixels;
     result_t read = texture_image_decode(name, bytes, size, &pixels);
-    return add(scene, key, name, gamma, alpha, at, read, &pixels, image);
+    return add(scene, key, name, gamma, alpha, NULL, at, read, &pixels, image);
 }
 
 result_t scene_image_of_file(scene_builder_t *scene, const char *path, float gamma, scene_alpha_t alpha,
                              position_t at, const scene_image_t **image)
 {
-    *image = scene_find_image(scene, path, gamma);
+    return scene_changed_image(scene, path, gamma, alpha, NULL, at, image);
+}
+
+result_t scene_changed_image(scene_builder_t *scene, const char *path, float gamma, scene_alpha_t alpha,
+                             const scene_change_t *change, position_t at, const scene_image_t **image)
+{
+    *image = find(scene, path, gamma, change ? change->use : 0);
     if (*image) return result_ok();
     texture_image_t pixels;
     scene_count_file(scene, path);
     result_t read = texture_image_read(path, &pixels);
-    return add(scene, path, path, gamma, alpha, at, read, &pixels, image);
+    return add(scene, path, path, gamma, alpha, change, at, read, &pixels, image);
 }
 
 /* ---- what lights ask of them -------------------------------------------------------------------------- */

@@ -7,6 +7,7 @@
 #define LIGHTMILL_SCENE_IMAGES_H
 
 #include "client/import/scene/scene_builder.h"
+#include "common/image/texture_image.h"
 
 /* What becomes of alpha. */
 typedef enum {
@@ -21,7 +22,16 @@ typedef enum {
  */
 #define SCENE_GAMMA_OF_FILE (-1.0f)
 
-/* The image of that key in that encoding; NULL when it must be read first. Valid until another one is added.
+/* What a reader changes of an image before it is stored. */
+typedef struct {
+    uint32_t use; /* what it is wanted for: 1 and more, as far as that makes a difference */
+    /* Changes the pixels of a file, called `name`; returns whether they are others for other uses. */
+    bool (*change)(void *context, const char *name, position_t at, texture_image_t *pixels);
+    void *context;
+} scene_change_t;
+
+/* The image of that key in that encoding, as in the file; NULL when it must be read first. Valid until
+ * another one is added.
  */
 const scene_image_t *scene_find_image(scene_builder_t *scene, const char *key, float gamma);
 /* Decodes the bytes of an image file, called `name` in messages, and adds it; *image is valid until another
@@ -33,6 +43,9 @@ result_t scene_add_image(scene_builder_t *scene, const char *key, const char *na
 /* Finds or adds the image in a file; its path is its key. */
 result_t scene_image_of_file(scene_builder_t *scene, const char *path, float gamma, scene_alpha_t alpha,
                              position_t at, const scene_image_t **image);
+/* The same once it is changed; `change` NULL: as in the file. */
+result_t scene_changed_image(scene_builder_t *scene, const char *path, float gamma, scene_alpha_t alpha,
+                             const scene_change_t *change, position_t at, const scene_image_t **image);
 
 /* The light of a value that is encoded as sRGB (IEC 61966-2-1). */
 double scene_decode_srgb(double encoded);

@@ -5,6 +5,7 @@
  */
 #include "client/import/pbrt/materials/textures.h"
 #include "client/import/pbrt/state/arguments.h"
+#include "client/import/pbrt/state/images.h"
 #include "client/import/pbrt/state/values.h"
 
 #include <stdlib.h>
@@ -409,7 +410,7 @@ static result_t read_image(pbrt_t *p, params_t *params, position_t at, bool is_f
         *value = missing_image(filename, gamma, texture);
         return result_ok();
     }
-    TRY(pbrt_image(p, filename, gamma, at, &file));
+    TRY(pbrt_image(p, filename, gamma, is_float ? IMAGE_NUMBERS : IMAGE_REFLECTED, at, &file));
     texture->image = file->image;
     texture->channel = CHANNEL_RGB;
     if (is_float) take_number(p, texture, file);
@@ -428,7 +429,7 @@ result_t pbrt_normal_map(pbrt_t *p, const char *filename, position_t at, blob_re
                           .wrap_t = WRAP_REPEAT,
                           .inputs = {blob_constant(1)}};
     flip_t(&map);
-    TRY(pbrt_image(p, filename, 1, at, &image));
+    TRY(pbrt_image(p, filename, 1, IMAGE_NUMBERS, at, &image));
     map.image = image->image;
     *texture = scene_add_texture(p->builder, &map).texture;
     return result_ok();

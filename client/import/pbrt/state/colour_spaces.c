@@ -1,4 +1,4 @@
-/* colour_spaces: pbrt-v4's ColorSpace directive: what the numbers of an rgb value mean.
+/* colour_spaces: pbrt-v4's ColorSpace directive: what the numbers of an rgb value, or of an image, mean.
  *
  * A space is given by the chromaticities of its primaries and its white; sRGB is reached through XYZ. What is
  * emitted keeps its white's colour, which only ACES's, D60, differs from that of sRGB in; a reflectance of
@@ -115,18 +115,44 @@ rgb_t pbrt_white_balance(double kelvin)
     return vec3((float)fmax(v[0], 0), (float)fmax(v[1], 0), (float)fmax(v[2], 0));
 }
 
+/* As close as pbrt-v4 wants it. */
+static bool is_close(const float xy[2], const double wanted[2])
+{
+    for (int i = 0; i < 2; ++i) {
+        double found = (double)xy[i];
+        if (found != wanted[i] && !(fabs((found - wanted[i]) / wanted[i]) < 1e-3)) return false;
+    }
+    return true;
+}
+
+bool pbrt_find_colour_space(const float xy[4][2], size_t *space)
+{
+    for (size_t i = 0; i < ARRAY_LENGTH(spaces); ++i) {
+        bool all = is_close(xy[3], spaces[i].white);
+        for (int k = 0; k < 3; ++k) all = all && is_close(xy[k], spaces[i].primaries[k]);
+        if (!all) continue;
+        *space = i;
+        return true;
+    }
+    return false;
+}
+
+affine_t pbrt_srgb_from(size_t space, bool emitted)
+{
+    affine_t m = xyz_from(&spaces[space]), srgb = xyz_from(&spaces[0]), from_xyz;
+    if (!emitted) {
+        affine_t white = adaptation(spaces[space].white, spaces[0].white);
+        m = affine_multiply(&white, &m);
+    }
+    affine_invert(&srgb, &from_xyz);
+    return affine_multiply(&from_xyz, &m);
+}
+
 rgb_t pbrt_srgb(const pbrt_t *p, rgb_t rgb, bool emitted)
 {
     if (p->now.colour_space == 0) return rgb;
-    const colour_space_t *space = &spaces[p->now.colour_space];
-    affine_t xyz = xyz_from(space), srgb = xyz_from(&spaces[0]), from_xyz;
+    affine_t m = pbrt_srgb_from(p->now.colour_space, emitted);
     double v[3] = {(double)rgb.x, (double)rgb.y, (double)rgb.z};
-    apply(&xyz, v);
-    if (!emitted) {
-        affine_t white = adaptation(space->white, spaces[0].white);
-        apply(&white, v);
-    }
-    affine_invert(&srgb, &from_xyz);
-    apply(&from_xyz, v);
+    apply(&m, v);
     return vec3((float)v[0], (float)v[1], (float)v[2]);
 }

@@ -249,12 +249,3 @@ result_t pbrt_missing(pbrt_t *p, position_t at, const char *path, const char *do
     return report_refuse(p->report, at, "%.300s: cannot be opened: %s; the nearest: %s", path,
                          strerror(ENOENT), does);
 }
-
-result_t pbrt_image(pbrt_t *p, const char *filename, float gamma, position_t at, const scene_image_t **image)
-{
-    char *path = pbrt_resolve(p, filename);
-    scene_alpha_t alpha = p->dialect.dialect == DIALECT_V4 ? SCENE_ALPHA_APART : SCENE_ALPHA_DROPPED;
-    result_t result = scene_image_of_file(p->builder, path, gamma, alpha, at, image);
-    free(path);
-    return result;
-}

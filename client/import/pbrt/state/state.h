@@ -215,8 +215,4 @@ bool pbrt_is_missing(const char *path);
  * import, does without it. */
 result_t pbrt_missing(pbrt_t *p, position_t at, const char *path, const char *does);
 
-/* Finds or reads an image file that the scene names, as pbrt does: v4 makes two images of one that is
- * transparent. */
-result_t pbrt_image(pbrt_t *p, const char *filename, float gamma, position_t at, const scene_image_t **image);
-
 #endif
