@@ -206,12 +206,26 @@ result_t pbrt_named_material(pbrt_t *p, position_t at)
 
 /* ---- making them --------------------------------------------------------------------------------------- */
 
+/* pbrt-v4's normal map takes the place of bumps. */
+static result_t read_normal_map(pbrt_t *p, params_t *params, blob_material_t *record)
+{
+    const char *filename = NULL;
+    TRY(params_string(params, "normalmap", &filename));
+    if (!filename) return result_ok();
+    if (record->bump != 0)
+        report_warning(p->report, params_where(params, "displacement", (position_t){.path = ""}),
+                       "\"displacement\" is ignored, since there is \"normalmap\", as in pbrt-v4");
+    record->bump = 0;
+    position_t at = params_where(params, "normalmap", (position_t){.path = ""});
+    return pbrt_normal_map(p, filename, at, &record->normal_map);
+}
+
 /* What every material may have: bumps (v3's bumpmap, v4's displacement) and v4's normal map. */
 static result_t read_relief(pbrt_t *p, params_t *params, blob_material_t *record)
 {
     bool v3 = p->dialect.dialect == DIALECT_V3;
     if (record->kind == MATERIAL_HAIR) return result_ok(); /* has none */
-    const char *name = v3 ? "bumpmap" : "displacement", *filename = NULL;
+    const char *name = v3 ? "bumpmap" : "displacement";
     blob_value_t bump = blob_constant(0);
     record->normal_scale = 1;
     if (v3 && record->kind == MATERIAL_MIX) return result_ok(); /* has that of a part */
@@ -221,11 +235,7 @@ static result_t read_relief(pbrt_t *p, params_t *params, blob_material_t *record
         bump = scene_add_texture(p->builder, &scaled);
     }
     record->bump = bump.texture; /* a constant turns no normal */
-    if (v3) return result_ok();
-    TRY(params_string(params, "normalmap", &filename));
-    if (!filename) return result_ok();
-    position_t at = params_where(params, "normalmap", (position_t){.path = ""});
-    return pbrt_normal_map(p, filename, at, &record->normal_map);
+    return v3 ? result_ok() : read_normal_map(p, params, record);
 }
 
 /* pbrt-v4 takes what surfaces reflect for at most 1, also where it comes from textures. */

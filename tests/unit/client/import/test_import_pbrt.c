@@ -1351,6 +1351,13 @@ static void bumps_and_normal_maps_are_read(void **state)
     expect_floats(map->matrix[0], (const double[]){1, 0, 0, 0, -1, 1}, 6);
     expect_near((double)bench.blob.images[map->image - 1].gamma, 1, 0);
     expect_near((double)material_of(&bench, 0)->normal_scale, 1, 0);
+    bench_run(&bench,
+              "WorldBegin\nTexture \"b\" \"float\" \"windy\"\nMaterial \"diffuse\" \"string normalmap\" "
+              "\"n.tga\" \"texture displacement\" \"b\"\n" SPHERE); /* which alone counts in pbrt-v4 */
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "s.pbrt:3:47: \"displacement\" is ignored, since there is \"normalmap\"");
+    assert_int_equal(material_of(&bench, 0)->bump, 0);
+    assert_int_not_equal(material_of(&bench, 0)->normal_map, 0);
     bench_close(&bench);
 }
 
