@@ -27,14 +27,16 @@ static double alpha_v3(double roughness)
     return 1.62142 + x * (0.819955 + x * (0.1734 + x * (0.0171201 + x * 0.000640711)));
 }
 
-static result_t read_axes(pbrt_t *p, params_t *params, const char *const names[3], float otherwise,
-                          material_value_t slot, blob_material_t *record)
+static result_t read_axes(pbrt_t *p, params_t *params, const roughness_rule_t *rule, material_value_t slot,
+                          blob_material_t *record)
 {
     blob_value_t *axes = &record->values[slot];
-    axes[0] = blob_constant(otherwise);
+    const char *const *names = rule->names;
+    axes[0] = blob_constant(rule->otherwise);
     if (names[0]) TRY(pbrt_float_value(p, params, names[0], &axes[0]));
     axes[1] = axes[0];
     if (names[1]) TRY(pbrt_float_value(p, params, names[1], &axes[0]));
+    if (rule->v_as_u) axes[1] = axes[0];
     if (names[2]) TRY(pbrt_float_value(p, params, names[2], &axes[1]));
     return result_ok();
 }
@@ -70,11 +72,11 @@ static result_t finish_roughness(pbrt_t *p, params_t *params, position_t at, mat
     return result_ok();
 }
 
-result_t material_read_roughness(pbrt_t *p, params_t *params, const char *const names[3], float otherwise,
-                                 bool smooth, material_value_t slot, position_t at, blob_material_t *record)
+result_t material_read_roughness(pbrt_t *p, params_t *params, const roughness_rule_t *rule,
+                                 material_value_t slot, position_t at, blob_material_t *record)
 {
-    TRY(read_axes(p, params, names, otherwise, slot, record));
-    return finish_roughness(p, params, at, slot, smooth, record);
+    TRY(read_axes(p, params, rule, slot, record));
+    return finish_roughness(p, params, at, slot, rule->smooth, record);
 }
 
 /* ---- metals -------------------------------------------------------------------------------------------- */

@@ -27,11 +27,7 @@ typedef struct {
         const char *name, *older; /* older: another name; NULL: there is none */
         float otherwise;
     } index; /* see material_read_index */
-    struct {
-        const char *names[3];
-        float otherwise;
-        bool smooth;
-    } roughness; /* see material_read_roughness */
+    roughness_rule_t roughness;
     result_t (*rest)(pbrt_t *p, params_t *params, position_t at, blob_material_t *record);
 } row_t;
 
@@ -71,11 +67,11 @@ static result_t read_coat(pbrt_t *p, params_t *params, position_t at, blob_mater
 
 static result_t read_coated_metal(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)
 {
-    static const char *const names[3] = {"conductor.roughness", "conductor.uroughness",
-                                         "conductor.vroughness"};
+    static const roughness_rule_t rule = {
+        .names = {"conductor.roughness", "conductor.uroughness", "conductor.vroughness"}, .smooth = true};
     TRY(read_coat(p, params, at, record));
     TRY(material_read_metal(p, params, "conductor.eta", "conductor.k", VALUE_BASE_ETA, record));
-    return material_read_roughness(p, params, names, 0, true, VALUE_BASE_ROUGHNESS_U, at, record);
+    return material_read_roughness(p, params, &rule, VALUE_BASE_ROUGHNESS_U, at, record);
 }
 
 static result_t read_scale(pbrt_t *p, params_t *params, position_t at, blob_material_t *record)
@@ -158,9 +154,10 @@ static result_t read_hair(pbrt_t *p, params_t *params, position_t at, blob_mater
 /* ---- the table ---------------------------------------------------------------------------------------- */
 
 /* clang-format off */
-#define BOTH_AXES "roughness", NULL, NULL
-#define EACH_AXIS NULL, "uroughness", "vroughness"
-#define ALL_AXES  "roughness", "uroughness", "vroughness"
+#define BOTH_AXES    {"roughness", NULL, NULL}, false
+#define EACH_AXIS    {NULL, "uroughness", "vroughness"}, false
+#define ALL_AXES     {"roughness", "uroughness", "vroughness"}, false
+#define AXES_OF_UBER {"roughness", "uroughness", "vroughness"}, true
 #define WHITE     {CONSTANT, NULL, VALUE_REFLECTANCE, 1}
 #define CLEAR     {CONSTANT, NULL, VALUE_TRANSMITTANCE, 1}
 #define KR_AND_KT {COLOUR, "Kr", VALUE_REFLECTANCE, 1}, {COLOUR, "Kt", VALUE_TRANSMITTANCE, 1}
@@ -171,24 +168,24 @@ static const row_t rows[] = {
      .values = {{COLOUR, "Kd", VALUE_REFLECTANCE, 0.5f}, {NUMBER, "sigma", VALUE_SIGMA, 0}}, .rest = clamp_sigma},
     {{"mirror", DIALECT_V3}, MATERIAL_MIRROR, .values = {{COLOUR, "Kr", VALUE_REFLECTANCE, 0.9f}}},
     {{"glass", DIALECT_V3}, MATERIAL_DIELECTRIC,
-     .values = {KR_AND_KT}, .index = {"eta", "index", 1.5f}, .roughness = {{EACH_AXIS}, 0, true}},
+     .values = {KR_AND_KT}, .index = {"eta", "index", 1.5f}, .roughness = {EACH_AXIS, 0, true}},
     {{"metal", DIALECT_V3}, MATERIAL_CONDUCTOR,
-     .values = {WHITE}, .roughness = {{ALL_AXES}, 0.01f, false}, .rest = read_metal},
+     .values = {WHITE}, .roughness = {ALL_AXES, 0.01f, false}, .rest = read_metal},
     {{"plastic", DIALECT_V3}, MATERIAL_PLASTIC,
      .values = {{COLOUR, "Kd", VALUE_REFLECTANCE, 0.25f}, {COLOUR, "Ks", VALUE_SPECULAR, 0.25f}},
-     .roughness = {{BOTH_AXES}, 0.1f, false}},
+     .roughness = {BOTH_AXES, 0.1f, false}},
     {{"substrate", DIALECT_V3}, MATERIAL_SUBSTRATE,
      .values = {{COLOUR, "Kd", VALUE_REFLECTANCE, 0.5f}, {COLOUR, "Ks", VALUE_SPECULAR, 0.5f}},
-     .roughness = {{EACH_AXIS}, 0.1f, false}},
+     .roughness = {EACH_AXIS, 0.1f, false}},
     {{"translucent", DIALECT_V3}, MATERIAL_TRANSLUCENT,
      .values = {{COLOUR, "Kd", VALUE_REFLECTANCE, 0.25f}, {COLOUR, "Ks", VALUE_SPECULAR, 0.25f},
                 {COLOUR, "reflect", VALUE_REFLECT, 0.5f}, {COLOUR, "transmit", VALUE_TRANSMIT, 0.5f}},
-     .roughness = {{BOTH_AXES}, 0.1f, false}},
+     .roughness = {BOTH_AXES, 0.1f, false}},
     {{"uber", DIALECT_V3}, MATERIAL_UBER,
      .values = {{COLOUR, "Kd", VALUE_REFLECTANCE, 0.25f}, {COLOUR, "Ks", VALUE_SPECULAR, 0.25f},
                 {COLOUR, "Kr", VALUE_MIRROR, 0}, {COLOUR, "Kt", VALUE_TRANSMITTANCE, 0},
                 {COLOUR, "opacity", VALUE_OPACITY, 1}},
-     .index = {"eta", "index", 1.5f}, .roughness = {{ALL_AXES}, 0.1f, false}},
+     .index = {"eta", "index", 1.5f}, .roughness = {AXES_OF_UBER, 0.1f, false}},
     {{"disney", DIALECT_V3}, MATERIAL_DISNEY,
      .values = {{COLOUR, "color", VALUE_REFLECTANCE, 0.5f}, {NUMBER, "metallic", VALUE_METALLIC, 0},
                 {NUMBER, "roughness", VALUE_ROUGHNESS_U, 0.5f}, {NUMBER, "speculartint", VALUE_SPECULAR_TINT, 0},
@@ -199,31 +196,31 @@ static const row_t rows[] = {
      .index = {"eta", NULL, 1.5f}, .rest = read_thin},
     {{"fourier", DIALECT_V3}, MATERIAL_FOURIER, .rest = pbrt_read_fourier},
     {{"subsurface", DIALECT_V3}, MATERIAL_DIELECTRIC, .values = {KR_AND_KT},
-     .index = {"eta", NULL, 1.33f}, .roughness = {{EACH_AXIS}, 0, true}, .rest = pbrt_read_subsurface},
+     .index = {"eta", NULL, 1.33f}, .roughness = {EACH_AXIS, 0, true}, .rest = pbrt_read_subsurface},
     {{"kdsubsurface", DIALECT_V3}, MATERIAL_DIELECTRIC, .values = {KR_AND_KT},
-     .index = {"eta", NULL, 1.33f}, .roughness = {{EACH_AXIS}, 0, true}, .rest = pbrt_read_kdsubsurface},
+     .index = {"eta", NULL, 1.33f}, .roughness = {EACH_AXIS, 0, true}, .rest = pbrt_read_kdsubsurface},
     {{"mix", DIALECT_V3}, MATERIAL_MIX, .values = {{COLOUR, "amount", VALUE_AMOUNT, 0.5f}}},
 
     {{"diffuse", DIALECT_V4}, MATERIAL_DIFFUSE, .values = {{COLOUR, "reflectance", VALUE_REFLECTANCE, 0.5f}}},
     {{"conductor", DIALECT_V4}, MATERIAL_CONDUCTOR,
-     .values = {WHITE}, .roughness = {{ALL_AXES}, 0, true}, .rest = read_metal},
+     .values = {WHITE}, .roughness = {ALL_AXES, 0, true}, .rest = read_metal},
     {{"dielectric", DIALECT_V4}, MATERIAL_DIELECTRIC,
-     .values = {WHITE, CLEAR}, .index = {"eta", NULL, 1.5f}, .roughness = {{ALL_AXES}, 0, true}},
+     .values = {WHITE, CLEAR}, .index = {"eta", NULL, 1.5f}, .roughness = {ALL_AXES, 0, true}},
     {{"thindielectric", DIALECT_V4}, MATERIAL_DIELECTRIC,
      .flags = MATERIAL_THIN, .values = {WHITE, CLEAR}, .index = {"eta", NULL, 1.5f}},
     {{"coateddiffuse", DIALECT_V4}, MATERIAL_COATED_DIFFUSE,
      .values = {{COLOUR, "reflectance", VALUE_REFLECTANCE, 0.5f}, COAT},
-     .index = {"eta", NULL, 1.5f}, .roughness = {{ALL_AXES}, 0, true}, .rest = read_coat},
+     .index = {"eta", NULL, 1.5f}, .roughness = {ALL_AXES, 0, true}, .rest = read_coat},
     {{"coatedconductor", DIALECT_V4}, MATERIAL_COATED_CONDUCTOR,
      .values = {COAT}, .index = {"interface.eta", NULL, 1.5f},
-     .roughness = {{"interface.roughness", "interface.uroughness", "interface.vroughness"}, 0, true},
+     .roughness = {{"interface.roughness", "interface.uroughness", "interface.vroughness"}, false, 0, true},
      .rest = read_coated_metal},
     {{"diffusetransmission", DIALECT_V4}, MATERIAL_DIFFUSE_TRANSMISSION,
      .values = {{COLOUR, "reflectance", VALUE_REFLECTANCE, 0.25f},
                 {COLOUR, "transmittance", VALUE_TRANSMITTANCE, 0.25f}},
      .rest = read_scale},
     {{"subsurface", DIALECT_V4}, MATERIAL_DIELECTRIC, .values = {WHITE, CLEAR},
-     .index = {"eta", NULL, 1.33f}, .roughness = {{ALL_AXES}, 0, true}, .rest = pbrt_read_subsurface},
+     .index = {"eta", NULL, 1.33f}, .roughness = {ALL_AXES, 0, true}, .rest = pbrt_read_subsurface},
     {{"measured", DIALECT_V4}, MATERIAL_MEASURED, .rest = pbrt_read_measured},
     {{"interface", DIALECT_V4}, .kind = 0},
     {{"mix", DIALECT_V4}, MATERIAL_MIX, .values = {{NUMBER, "amount", VALUE_AMOUNT, 0.5f}}},
@@ -292,7 +289,6 @@ result_t material_fill(pbrt_t *p, params_t *params, const material_t *material, 
         TRY(read_value(p, params, &row->values[i], record));
     TRY(read_index(p, params, row, at, record));
     if (axes[0] || axes[1])
-        TRY(material_read_roughness(p, params, axes, row->roughness.otherwise, row->roughness.smooth,
-                                    VALUE_ROUGHNESS_U, at, record));
+        TRY(material_read_roughness(p, params, &row->roughness, VALUE_ROUGHNESS_U, at, record));
     return row->rest ? row->rest(p, params, at, record) : result_ok();
 }

@@ -612,6 +612,23 @@ static void v3_materials_have_their_defaults(void **state)
     bench_close(&bench);
 }
 
+/* Without its own the axis v is as rough as u in pbrt-v3's uber, but not in its metal. */
+static void the_roughness_along_u_may_be_that_along_v(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_run_v3(&bench, "Material \"uber\" \"float uroughness\" .25 " SPHERE
+                         "Material \"uber\" \"float vroughness\" .25 \"float roughness\" .5 " SPHERE
+                         "Material \"metal\" \"float uroughness\" .25 \"float roughness\" .5 " SPHERE);
+    bench_expect_ok(&bench);
+    static const double expected[3][2] = {{0.25, 0.25}, {0.5, 0.25}, {0.25, 0.5}};
+    for (uint64_t i = 0; i < 3; ++i) {
+        expect_near(number_of(&bench, i, VALUE_ROUGHNESS_U), expected[i][0], 0);
+        expect_near(number_of(&bench, i, VALUE_ROUGHNESS_V), expected[i][1], 0);
+    }
+    bench_close(&bench);
+}
+
 static void v4_materials_have_their_defaults(void **state)
 {
     (void)state;
@@ -1420,6 +1437,7 @@ int main(void)
         cmocka_unit_test(degenerate_triangles_are_left_out),
         cmocka_unit_test(v3_materials_become_ours),
         cmocka_unit_test(v3_materials_have_their_defaults),
+        cmocka_unit_test(the_roughness_along_u_may_be_that_along_v),
         cmocka_unit_test(v4_materials_have_their_defaults),
         cmocka_unit_test(hair_has_its_defaults_in_both_dialects),
         cmocka_unit_test(hair_absorbs_by_the_first_of_its_pigments),
