@@ -270,11 +270,21 @@ static result_t read_value(pbrt_t *p, params_t *params, const value_rule_t *rule
     }
 }
 
+/* The parameter with the index of refraction. pbrt-v3 asks for numbers alone: one of the older name goes
+ * before a spectrum. */
+static const char *index_name(params_t *params, const row_t *row)
+{
+    const params_t *owner;
+    const unsigned number = PARAM_BIT(PARAM_FLOAT) | PARAM_BIT(PARAM_TEXTURE);
+    const char *name = row->index.name, *older = row->index.older;
+    if (!older || params_find(params, name, number, &owner)) return name;
+    return params_find(params, older, number, &owner) || !params_has(params, name) ? older : name;
+}
+
 static result_t read_index(pbrt_t *p, params_t *params, const row_t *row, position_t at,
                            blob_material_t *record)
 {
-    bool older = row->index.older && !params_has(params, row->index.name);
-    const char *name = older ? row->index.older : row->index.name;
+    const char *name = index_name(params, row);
     return name ? material_read_index(p, params, name, row->index.otherwise, at, record) : result_ok();
 }
 

@@ -629,6 +629,22 @@ static void the_roughness_along_u_may_be_that_along_v(void **state)
     bench_close(&bench);
 }
 
+/* pbrt-v3 looks for numbers alone; a spectrum that is all there is counts here. */
+static void a_number_goes_before_a_spectrum_as_an_index(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_run_v3(&bench, "Material \"glass\" \"spectrum eta\" [400 2 700 2] \"float index\" 1.25 " SPHERE
+                         "Material \"glass\" \"spectrum eta\" [400 2 700 2] " SPHERE
+                         "Material \"uber\" \"spectrum index\" [400 2 700 2] " SPHERE
+                         "Material \"uber\" \"float eta\" 1.75 \"float index\" 1.25 " SPHERE);
+    bench_expect_ok(&bench);
+    static const double expected[4] = {1.25, 2, 2, 1.75};
+    for (uint64_t i = 0; i < 4; ++i) expect_near(number_of(&bench, i, VALUE_ETA), expected[i], 0);
+    expect_text(bench.warnings, "s.pbrt:2:18: parameter \"eta\" must be of type float");
+    bench_close(&bench);
+}
+
 static void v4_materials_have_their_defaults(void **state)
 {
     (void)state;
@@ -1438,6 +1454,7 @@ int main(void)
         cmocka_unit_test(v3_materials_become_ours),
         cmocka_unit_test(v3_materials_have_their_defaults),
         cmocka_unit_test(the_roughness_along_u_may_be_that_along_v),
+        cmocka_unit_test(a_number_goes_before_a_spectrum_as_an_index),
         cmocka_unit_test(v4_materials_have_their_defaults),
         cmocka_unit_test(hair_has_its_defaults_in_both_dialects),
         cmocka_unit_test(hair_absorbs_by_the_first_of_its_pigments),
