@@ -22,8 +22,9 @@ typedef struct {
      * WebP, TGA, BMP); false: linear (EXR, HDR, PFM). Alpha is linear always, and not multiplied into the
      * colours by convention (EXR: it is). */
     bool encoded;
-    uint8_t *bytes; /* owned; TEXELS_U8: [height][width][channels] */
-    float *floats;  /* owned; TEXELS_FLOAT: the same layout; a 16-bit PNG's values are divided by 65535 */
+    bool alpha_expanded; /* PNG: alpha, if any, comes from a palette or from one colour that is transparent */
+    uint8_t *bytes;      /* owned; TEXELS_U8: [height][width][channels] */
+    float *floats; /* owned; TEXELS_FLOAT: the same layout; a 16-bit PNG's values are divided by 65535 */
     uint64_t bad_values;        /* infinite and NaN values of the file, which are 0 here */
     bool has_chromaticities;    /* an EXR that says what its R, G and B are: */
     float chromaticities[4][2]; /* x and y of red, green, blue and white */

@@ -92,6 +92,7 @@ static bool decode(png_source_t *source, png_structp png, png_infop info)
     png_set_keep_unknown_chunks(png, PNG_HANDLE_CHUNK_NEVER, NULL, -1);
     png_read_info(png, info);
     if (!good(source, read_size(source, png, info))) return false;
+    source->image->alpha_expanded = (png_get_color_type(png, info) & PNG_COLOR_MASK_ALPHA) == 0;
     png_set_expand(png);
     png_set_interlace_handling(png);
     png_read_update_info(png, info);

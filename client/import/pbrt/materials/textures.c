@@ -10,7 +10,6 @@
 
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 
 typedef enum { SPACE_NONE, SPACE_2D, SPACE_3D } space_t;
 
@@ -320,12 +319,6 @@ static result_t read_encoding_v3(params_t *params, float *gamma)
     return result_ok();
 }
 
-static bool has_extension(const char *filename, const char *extension)
-{
-    size_t length = strlen(filename), size = strlen(extension);
-    return length > size && strcasecmp(filename + length - size, extension) == 0;
-}
-
 /* pbrt-v4 asks the encoding of PNG files alone: other files of 8 bits are sRGB, of floats linear. */
 static result_t read_encoding_v4(params_t *params, const char *filename, position_t at, float *gamma)
 {
@@ -344,12 +337,12 @@ static result_t read_encoding_v4(params_t *params, const char *filename, positio
             return error_at(at, "unknown encoding \"%.40s\"; sRGB, linear and gamma X are known", encoding);
         *gamma = exponent;
     }
-    if (!has_extension(filename, ".png")) *gamma = SCENE_GAMMA_OF_FILE;
+    if (!pbrt_has_extension(filename, ".png")) *gamma = SCENE_GAMMA_OF_FILE;
     return result_ok();
 }
 
-/* A number from an image of colours: v3 takes the luminance, v4 the mean, but alpha where that is not 1
- * everywhere. Of grey with alpha both take the grey. */
+/* A number from an image of colours: v3 takes the luminance, v4 the mean, but alpha where there is one. Of
+ * grey with alpha both take the grey. */
 static void take_number(const pbrt_t *p, blob_texture_t *texture, const scene_image_t *file)
 {
     bool v3 = p->dialect.dialect == DIALECT_V3;
@@ -382,8 +375,8 @@ static result_t find_image(pbrt_t *p, const char *filename, position_t at, bool 
 /* pbrt-v3 has 0.5 for each pixel of a file that is missing, which it decodes and scales like others. */
 static blob_value_t missing_image(const char *filename, float gamma, const blob_texture_t *texture)
 {
-    bool encoded = gamma == 0 || (gamma == SCENE_GAMMA_OF_FILE &&
-                                  (has_extension(filename, ".png") || has_extension(filename, ".tga")));
+    bool encoded = gamma == 0 || (gamma == SCENE_GAMMA_OF_FILE && (pbrt_has_extension(filename, ".png") ||
+                                                                   pbrt_has_extension(filename, ".tga")));
     const float decoded = 0.21404114f; /* of 0.5, IEC 61966-2-1 */
     return blob_constant((encoded ? decoded : 0.5f) * texture->inputs[0].factor.x);
 }

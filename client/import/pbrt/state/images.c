@@ -1,13 +1,38 @@
 /* images: see images.h.
  *
- * pbrt-v4 heeds the chromaticities of an EXR file where they are those of a colour space that it knows; skies
- * from its imgtool are ACES's. What gets negative outside of sRGB's gamut is 0, as in rgb parameters.
+ * pbrt-v4 tells formats by the name of the file. Of alpha it keeps that of EXR files and of PNG files that
+ * have a channel of it. It heeds the chromaticities of an EXR file where they are those of a colour space
+ * that it knows; skies from its imgtool are ACES's. What gets negative outside of sRGB's gamut is 0, as in
+ * rgb parameters.
  */
 #include "client/import/pbrt/state/images.h"
 #include "client/import/pbrt/state/colour_spaces.h"
 
 #include <float.h>
 #include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+bool pbrt_has_extension(const char *filename, const char *extension)
+{
+    size_t length = strlen(filename), size = strlen(extension);
+    return length > size && strcasecmp(filename + length - size, extension) == 0;
+}
+
+static bool keeps_alpha(const char *name, const texture_image_t *pixels)
+{
+    return pbrt_has_extension(name, ".exr") || (pbrt_has_extension(name, ".png") && !pixels->alpha_expanded);
+}
+
+/* Of four channels the first three. */
+static void drop_alpha(texture_image_t *pixels)
+{
+    size_t texel = pixels->type == TEXELS_U8 ? 1 : sizeof *pixels->floats;
+    size_t count = (size_t)pixels->width * pixels->height;
+    uint8_t *at = pixels->type == TEXELS_U8 ? pixels->bytes : (uint8_t *)pixels->floats;
+    for (size_t i = 1; i < count; ++i) memmove(at + 3 * i * texel, at + 4 * i * texel, 3 * texel);
+    pixels->channels = 3;
+}
 
 /* Which space the colours of a file are of, 0 for sRGB. */
 static size_t space_of(pbrt_t *p, const char *name, position_t at, const texture_image_t *pixels)
@@ -43,6 +68,7 @@ static bool change(void *context, const char *name, position_t at, texture_image
 {
     const wanted_t *wanted = context;
     size_t space = space_of(wanted->p, name, at, pixels), count = (size_t)pixels->width * pixels->height;
+    if (pixels->channels == 4 && !keeps_alpha(name, pixels)) drop_alpha(pixels);
     if (space == 0) return false;
     if (wanted->use == IMAGE_NUMBERS || pixels->channels < 3) return true;
     affine_t m = pbrt_srgb_from(space, wanted->use == IMAGE_EMITTED);

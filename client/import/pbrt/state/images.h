@@ -11,9 +11,11 @@ typedef enum {
     IMAGE_EMITTED      /* or of lights */
 } image_use_t;
 
-/* Finds or reads an image file that the scene names, as pbrt does: v4 makes two images of one that is
- * transparent, and linear sRGB of an EXR's colours that say which others they are. */
+/* Finds or reads an image file that the scene names, as pbrt does: v4 makes two images of a PNG or EXR file
+ * that is transparent, and linear sRGB of an EXR's colours that say which others they are. */
 result_t pbrt_image(pbrt_t *p, const char *filename, float gamma, image_use_t use, position_t at,
                     const scene_image_t **image);
+/* Whether the file's name ends so, in small letters or capitals. */
+bool pbrt_has_extension(const char *filename, const char *extension);
 
 #endif

@@ -1,6 +1,8 @@
 /* What the pbrt importer makes of image files: the colours that an EXR says it has, and alpha. */
 #include "tests/unit/client/import/test_import.h"
 
+#include <png.h>
+
 /* ---- files --------------------------------------------------------------------------------------------- */
 
 typedef struct {
@@ -213,6 +215,75 @@ static void v3_takes_an_exr_as_it_is(void **state)
     bench_close(&bench);
 }
 
+/* ---- alpha --------------------------------------------------------------------------------------------- */
+
+static const uint8_t two_pixels[8] = {1, 2, 3, 255, 4, 5, 6, 128};
+
+/* Two pixels, with a channel of alpha or as a palette that has one. */
+static void write_png(bench_t *bench, const char *name, bool palette)
+{
+    uint8_t bytes[512], places[2] = {0, 1};
+    png_image image = {.version = PNG_IMAGE_VERSION, .width = 2, .height = 1, .format = PNG_FORMAT_RGBA};
+    png_alloc_size_t size = sizeof bytes;
+    if (palette) image.format = PNG_FORMAT_RGBA_COLORMAP, image.colormap_entries = 2;
+    assert_true(png_image_write_to_memory(&image, bytes, &size, 0, palette ? places : two_pixels, 0,
+                                          palette ? two_pixels : NULL));
+    bench_write(bench, name, bytes, size);
+}
+
+static void write_tga(bench_t *bench, const char *name)
+{
+    const uint8_t data[18 + 8] = {[2] = 2, [12] = 2, [14] = 1, [16] = 32, [17] = 8, 3,  2,
+                                  1,       255,      6,        5,         4,        128};
+    bench_write(bench, name, data, sizeof data);
+}
+
+static const blob_texture_t *run_float(bench_t *bench, const char *filename)
+{
+    char *text =
+        mem_printf("Texture \"f\" \"float\" \"imagemap\" \"string filename\" \"%s\"\n" SPHERE, filename);
+    run(bench, true, text);
+    bench_expect_ok(bench);
+    free(text);
+    assert_int_equal(bench->blob.textures[0].kind, TEXTURE_IMAGE);
+    return &bench->blob.textures[0];
+}
+
+/* pbrt-v4 decodes it like a colour. */
+static void a_number_is_the_alpha_of_a_file_that_has_it(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    write_png(&bench, "a.png", false);
+    const blob_texture_t *t = run_float(&bench, "a.png");
+    assert_int_equal(t->channel, CHANNEL_R);
+    const blob_image_t *alpha = &bench.blob.images[t->image - 1];
+    assert_int_equal(alpha->format, TEXELS_R8);
+    expect_near((double)alpha->gamma, 0, 0);
+    assert_memory_equal(bench.blob.texels + alpha->first_word, ((uint8_t[]){255, 128}), 2);
+    bench_close(&bench);
+}
+
+/* pbrt-v4 has already forgotten it. */
+static void a_number_is_the_mean_where_alpha_is_no_channel(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    write_png(&bench, "palette.png", true);
+    write_tga(&bench, "a.tga");
+    static const char *const names[] = {"palette.png", "a.tga"};
+    for (size_t i = 0; i < ARRAY_LENGTH(names); ++i) {
+        const blob_texture_t *t = run_float(&bench, names[i]);
+        assert_int_equal(t->channel, CHANNEL_MEAN);
+        assert_int_equal(count_of(&bench, BLOB_SECTION_IMAGES), 1);
+        const blob_image_t *image = &bench.blob.images[t->image - 1];
+        assert_int_equal(image->format, TEXELS_RGBA8);
+        assert_memory_equal(bench.blob.texels + image->first_word, ((uint8_t[]){1, 2, 3, 255, 4, 5, 6, 255}),
+                            8);
+    }
+    bench_close(&bench);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -221,6 +292,8 @@ int main(void)
         cmocka_unit_test(power_counts_what_was_converted),
         cmocka_unit_test(unknown_colours_are_srgb),
         cmocka_unit_test(v3_takes_an_exr_as_it_is),
+        cmocka_unit_test(a_number_is_the_alpha_of_a_file_that_has_it),
+        cmocka_unit_test(a_number_is_the_mean_where_alpha_is_no_channel),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
