@@ -107,6 +107,7 @@ typedef struct {
 
 typedef struct {
     const char *path;
+    ply_rules_t rules;
     report_t *report;
     const char *data, *at, *end;
     uint32_t line; /* of `at`, in the header and in ASCII bodies */
@@ -117,7 +118,7 @@ typedef struct {
     int element_count, property_count;
     mesh_t *mesh;
     size_t triangle_capacity;
-    uint64_t dropped_faces;
+    uint64_t faces, thin_faces, large_faces; /* kept; left out */
 } ply_t;
 
 /* ---- where and what went wrong ------------------------------------------------------------------------- */
@@ -462,7 +463,17 @@ static result_t read_corner(ply_t *ply, const property_t *property, uint64_t fac
     return result_ok();
 }
 
-/* A face becomes a fan about its first corner. */
+/* The triangle of a face between its first corner, its corner i - 1 and its corner i. */
+static void add_corner(ply_t *ply, double i, uint32_t first, uint32_t last, uint32_t corner)
+{
+    if (i < 3 || ply->rules == PLY_FANS)
+        add_triangle(ply, first, last, corner);
+    else if (ply->rules == PLY_PBRT_V3)
+        add_triangle(ply, corner, first, last);
+    else
+        add_triangle(ply, last, corner, first);
+}
+
 static result_t read_corners(ply_t *ply, const property_t *property, uint64_t face)
 {
     double length;
@@ -470,14 +481,17 @@ static result_t read_corners(ply_t *ply, const property_t *property, uint64_t fa
     if (!(length >= 0) || length != floor(length))
         return fail(ply, "face %" PRIu64 " has %g vertices", face, length);
     uint32_t first = 0, last = 0, corner = 0;
+    bool large = length > 4 && ply->rules != PLY_FANS;
     for (double i = 0; i < length; ++i) {
         TRY(read_corner(ply, property, face, &corner));
         if (i == 0) first = corner;
         if (i >= 2 && ply->mesh->triangle_count == BLOB_NONE - 1) return fail(ply, "too many triangles");
-        if (i >= 2) add_triangle(ply, first, last, corner);
+        if (i >= 2 && !large) add_corner(ply, i, first, last, corner);
         last = corner;
     }
-    ply->dropped_faces += length < 3;
+    ply->thin_faces += length < 3;
+    ply->large_faces += large;
+    ply->faces += length >= 3 && !large;
     return result_ok();
 }
 
@@ -534,26 +548,31 @@ static result_t read_body(ply_t *ply)
         }
     }
     if (!faces) return fail(ply, "the file has no faces");
-    if (ply->dropped_faces)
-        report_warning(ply->report, (position_t){ply->path, 0, 0},
-                       "%" PRIu64 " faces have fewer than three vertices and are left out",
-                       ply->dropped_faces);
-    return result_ok();
+    position_t at = {ply->path, 0, 0};
+    if (ply->thin_faces)
+        report_warning(ply->report, at, "%" PRIu64 " faces have fewer than three vertices and are left out",
+                       ply->thin_faces);
+    if (!ply->large_faces) return result_ok();
+    return report_tolerate(ply->report, at,
+                           "%" PRIu64 " faces have more than four vertices and are left out, as by pbrt",
+                           ply->large_faces);
 }
 
-result_t ply_read(const char *path, report_t *report, mesh_t *mesh)
+result_t ply_read(const char *path, ply_rules_t rules, report_t *report, mesh_t *mesh, uint64_t *faces)
 {
     uint8_t *data;
     size_t size;
     TRY(gunzip_read_file(path, largest_file, &data, &size));
     ply_t *ply = mem_zalloc(1, sizeof *ply);
     ply->path = path;
+    ply->rules = rules;
     ply->report = report;
     ply->mesh = mesh;
     ply->data = ply->at = (const char *)data;
     ply->end = ply->data + size;
     result_t result = read_header(ply);
     if (result.code == RESULT_OK) result = read_body(ply);
+    if (faces) *faces = ply->faces;
     free(ply);
     free(data);
     return result;

@@ -238,7 +238,7 @@ static result_t make_ply(work_t *w)
     w->wound = true;
     TRY(property_bool(w->m, w->element, "srgb", &encoded));
     scene_count_file(w->m->scene, w->path);
-    result_t result = ply_read(w->path, w->m->report, &mesh);
+    result_t result = ply_read(w->path, PLY_FANS, w->m->report, &mesh, NULL);
     if (result.code == RESULT_OK && encoded) decode_colours(&mesh);
     if (result.code == RESULT_OK)
         result = scene_charge(w->m->scene, SCENE_VERTICES, mesh.vertex_count, w->element->at);

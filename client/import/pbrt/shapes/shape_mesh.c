@@ -201,7 +201,10 @@ result_t pbrt_make_plymesh(pbrt_t *p, shape_work_t *work)
         free(path);
         return slip;
     }
-    result_t result = ply_read(path, p->report, &mesh);
+    ply_rules_t rules = p->dialect.dialect == DIALECT_V3 ? PLY_PBRT_V3 : PLY_PBRT_V4;
+    uint64_t faces = 0;
+    result_t result = ply_read(path, rules, p->report, &mesh, &faces);
+    work->emitters = faces;
     free(mesh.colours); /* pbrt knows none */
     mesh.colours = NULL;
     p->bytes_done += size;

@@ -11,7 +11,7 @@ typedef struct {
     params_t *params;
     position_t at;
     affine_t placed;    /* object from shape */
-    size_t emitters;    /* shapes that pbrt-v4 makes of it, each a light: triangles, patches, or 1 */
+    size_t emitters;    /* shapes that pbrt-v4 makes of it, each a light: triangles, quads, patches, or 1 */
     double area;        /* after `placed`; 0 of curves */
     bool inside_out;    /* its normal is not that which pbrt gives to where a ray hits it, but opposite */
     blob_ref_t outside; /* the medium outside of the interface in force */

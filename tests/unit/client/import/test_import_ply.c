@@ -96,17 +96,23 @@ static out_t quad_binary(bool big)
 
 /* ---- reading ------------------------------------------------------------------------------------------- */
 
-static result_t read_bytes(bench_t *bench, const void *data, size_t size, mesh_t *mesh)
+static result_t read_as(bench_t *bench, ply_rules_t rules, const void *data, size_t size, mesh_t *mesh,
+                        uint64_t *faces)
 {
-    import_report_t sink = {.warn = bench_warn, .context = bench};
+    import_report_t sink = {.warn = bench_warn, .context = bench, .strict = bench->strict};
     report_t report = report_begin(&sink);
     bench->warnings[0] = '\0';
     bench_write(bench, "m.ply", data, size);
     char *path = bench_path(bench, "m.ply");
     *mesh = (mesh_t){0};
-    result_t result = ply_read(path, &report, mesh);
+    result_t result = ply_read(path, rules, &report, mesh, faces);
     free(path);
     return result;
+}
+
+static result_t read_bytes(bench_t *bench, const void *data, size_t size, mesh_t *mesh)
+{
+    return read_as(bench, PLY_FANS, data, size, mesh, NULL);
 }
 
 static void check_quad(const mesh_t *mesh)
@@ -284,6 +290,36 @@ static void large_faces_become_fans(void **state)
     bench_close(&bench);
 }
 
+/* A quad's second triangle begins where pbrt's does, and larger faces are left out. */
+static void pbrt_takes_triangles_and_quads(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    mesh_t mesh;
+    uint64_t faces;
+    const char *text = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\n"
+                       "property float z\n" FACES("4") "end_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n-1 0.5 0\n"
+                                                       "5 1 2 3 4 0\n4 0 1 2 3\n3 4 0 3\n2 0 1\n";
+    static const blob_triangle_t v3[3] = {{{0, 1, 2}}, {{3, 0, 2}}, {{4, 0, 3}}},
+                                 v4[3] = {{{0, 1, 2}}, {{2, 3, 0}}, {{4, 0, 3}}};
+    for (int i = 0; i < 2; ++i) {
+        result_t result = read_as(&bench, i ? PLY_PBRT_V4 : PLY_PBRT_V3, text, strlen(text), &mesh, &faces);
+        assert_string_equal(result.message, "");
+        assert_int_equal(mesh.triangle_count, 3);
+        assert_memory_equal(mesh.triangles, i ? v4 : v3, sizeof v3);
+        assert_int_equal(faces, 2);
+        expect_text(bench.warnings, "m.ply: 1 faces have fewer than three vertices");
+        expect_text(bench.warnings,
+                    "m.ply: 1 faces have more than four vertices and are left out, as by pbrt");
+        mesh_free(&mesh);
+    }
+    bench.strict = true;
+    result_t strict = read_as(&bench, PLY_PBRT_V3, text, strlen(text), &mesh, &faces);
+    expect_text(strict.message, "1 faces have more than four vertices");
+    mesh_free(&mesh);
+    bench_close(&bench);
+}
+
 /* ---- gzip ---------------------------------------------------------------------------------------------- */
 
 /* One gzip member; the caller frees it. */
@@ -424,6 +460,7 @@ int main(void)
         cmocka_unit_test(files_that_are_wrong_are_refused),
         cmocka_unit_test(thin_faces_are_left_out),
         cmocka_unit_test(large_faces_become_fans),
+        cmocka_unit_test(pbrt_takes_triangles_and_quads),
         cmocka_unit_test(gzipped_files_are_read),
         cmocka_unit_test(gzip_bombs_are_refused),
         cmocka_unit_test(a_scene_has_a_ply_file_as_a_shape),

@@ -362,7 +362,7 @@ static void the_area_of_an_ellipsoid_is_legendres(void **state)
     bench_close(&bench);
 }
 
-static void every_triangle_has_the_power(void **state)
+static void every_triangle_and_every_quad_has_the_power(void **state)
 {
     (void)state;
     bench_t bench = {0};
@@ -371,6 +371,17 @@ static void every_triangle_has_the_power(void **state)
     bench_expect_ok(&bench);
     expect_text(bench.warnings, "each of the 2 parts");
     expect_near((double)light(&bench, 0)->radiance.factor.x, 20 / RADIANS(180), 1e-4);
+    static const char quads[] =
+        "ply\nformat ascii 1.0\nelement vertex 7\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 3\nproperty list uchar int vertex_indices\n"
+        "end_header\n0 0 0\n1 0 0\n2 0 0\n0 1 0\n1 1 0\n2 1 0\n0 3 0\n"
+        "4 0 1 4 3\n4 1 2 5 4\n3 3 4 6\n"; /* of area 3 in all */
+    bench_write(&bench, "q.ply", quads, strlen(quads));
+    run_v4(&bench,
+           "AreaLightSource \"diffuse\" \"float power\" 10 Shape \"plymesh\" \"string filename\" \"q.ply\"");
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "each of the 3 parts");
+    expect_near((double)light(&bench, 0)->radiance.factor.x, 10 / RADIANS(180), 1e-4);
     bench_close(&bench);
 }
 
@@ -545,7 +556,7 @@ int main(void)
         cmocka_unit_test(alpha_comes_from_shape_and_material),
         cmocka_unit_test(the_power_of_a_shape_scales_its_light),
         cmocka_unit_test(the_area_of_an_ellipsoid_is_legendres),
-        cmocka_unit_test(every_triangle_has_the_power),
+        cmocka_unit_test(every_triangle_and_every_quad_has_the_power),
         cmocka_unit_test(area_lights_of_objects_do_not_emit),
         cmocka_unit_test(an_image_colours_a_light),
         cmocka_unit_test(shapes_and_instances_may_move),
