@@ -447,7 +447,9 @@ enum {
                                   coat_normal_map where there is one */
     MATERIAL_CHOSEN = 1024, /* of a mix: each point has one of the parts, by chance, with the relief of that
                                part; else both, with the relief of the mix */
-    MATERIAL_DYED = 256,    /* hair absorbs so that many of them together have the colour REFLECTANCE */
+    MATERIAL_NORMALS_V4 = 2048, /* the y of the normal_map is along n x dp/du, as in pbrt-v4: where uvs are
+                                   mirrored, dp/dv lies on the other side */
+    MATERIAL_DYED = 256,        /* hair absorbs so that many of them together have the colour REFLECTANCE */
     MATERIAL_TINTED_BODY =
         512,               /* of a dielectric or Disney's with a body: ALBEDO is the colour of what is below
                               the surface over that of the body; the interface lets its root pass, both

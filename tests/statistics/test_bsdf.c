@@ -737,6 +737,29 @@ static void maps_turn_the_normal(void **state)
     sheets_destroy(sheets);
 }
 
+/* Where uvs are mirrored, y lies along dp/dv, but in pbrt-v4 along n x dp/du. */
+static void normal_maps_may_follow_pbrt_v4(void **state)
+{
+    (void)state;
+    const blob_texture_t map = {.kind = TEXTURE_SCALE,
+                                .inputs = {{{0.8f, 0.65f, 0.9f}, 0, 0}, {{1, 1, 1}, 0, 0}}};
+    blob_material_t materials[2] = {cases[MATTE].material, cases[MATTE].material};
+    materials[0].normal_map = materials[1].normal_map = 1;
+    materials[0].normal_scale = materials[1].normal_scale = 1;
+    materials[1].flags |= MATERIAL_NORMALS_V4;
+    sheets_t *sheets = sheets_new(materials, ARRAY_LENGTH(materials), &map, 1);
+    for (int mirrored = 0; mirrored < 2; mirrored++)
+        for (int v4 = 0; v4 < 2; v4++) {
+            bsdf_t bsdf = {.ng = {0, 0, 1}, .ns = {0, 0, 1}};
+            texture_point_t at = {.n = {0, 0, 1}};
+            surface_details_t details = {.dpdu = {1, 0, 0}, .dpdv = {0, mirrored ? -1 : 1, 0}};
+            shading_frame_turn(&bsdf, sheets->scene, &materials[v4], &details, &at);
+            assert_frame(&bsdf);
+            assert_vector(bsdf.ns, direction(0.6f, mirrored && !v4 ? -0.3f : 0.3f, 0.8f));
+        }
+    sheets_destroy(sheets);
+}
+
 /* The normal at (0.7, 0.3) of a rectangle of 2 by 4 with vertex normals and a bump map. */
 static vec3_t bumped_normal(const blob_texture_t *map, uint32_t flags)
 {
@@ -835,6 +858,7 @@ int main(void)
         cmocka_unit_test(roughness_becomes_alpha),
         cmocka_unit_test(regularizing_roughens_what_is_smooth),
         cmocka_unit_test(maps_turn_the_normal),
+        cmocka_unit_test(normal_maps_may_follow_pbrt_v4),
         cmocka_unit_test(bumps_of_pbrt_v3_stand_on_unit_tangents),
         cmocka_unit_test(split_directions_have_a_value_of_their_own),
         cmocka_unit_test(degenerate_derivatives_leave_a_frame),

@@ -46,14 +46,14 @@ static void bump(bsdf_t *bsdf, const textures_t *textures, uint32_t map, const s
     set_normal(bsdf, v_cross(*dpdu, dpdv));
 }
 
-/* The map's colour is (n + 1) / 2, with n along dp/du, dp/dv and the normal. */
-static void map_normal(bsdf_t *bsdf, const textures_t *textures, uint32_t map, float scale,
+/* The map's colour is (n + 1) / 2, with n along dp/du, dp/dv and the normal; `v4`: MATERIAL_NORMALS_V4. */
+static void map_normal(bsdf_t *bsdf, const textures_t *textures, uint32_t map, float scale, bool v4,
                        const surface_details_t *details, const texture_point_t *at)
 {
     rgb_t colour = textures_eval(textures, map, at);
     float x = (2 * colour.x - 1) * scale, y = (2 * colour.y - 1) * scale;
     set_tangents(bsdf, details->dpdu);
-    if (v_dot(bsdf->t, details->dpdv) < 0) y = -y;
+    if (!v4 && v_dot(bsdf->t, details->dpdv) < 0) y = -y;
     set_normal(bsdf, bsdf_to_world(bsdf, vec3(x, y, 2 * colour.z - 1)));
 }
 
@@ -74,8 +74,8 @@ void shading_frame_turn(bsdf_t *bsdf, const scene_t *scene, const blob_material_
 {
     vec3_t dpdu = details->dpdu;
     if (material->normal_map != 0)
-        map_normal(bsdf, scene_textures(scene), material->normal_map - 1, material->normal_scale, details,
-                   at);
+        map_normal(bsdf, scene_textures(scene), material->normal_map - 1, material->normal_scale,
+                   (material->flags & MATERIAL_NORMALS_V4) != 0, details, at);
     if (material->bump != 0) bump(bsdf, scene_textures(scene), material->bump - 1, details, at, &dpdu);
     set_tangents(bsdf, dpdu);
     if (material->kind == MATERIAL_GLTF && material->values[VALUE_ANISOTROPIC].factor.x != 0)
@@ -88,6 +88,6 @@ vec3_t shading_frame_coat(const bsdf_t *bsdf, const scene_t *scene, const blob_m
     bsdf_t coat = {.ng = bsdf->ng, .ns = at->n};
     if (material->coat_normal_map != 0)
         map_normal(&coat, scene_textures(scene), material->coat_normal_map - 1, material->coat_normal_scale,
-                   details, at);
+                   false, details, at);
     return bsdf_to_local(bsdf, coat.ns);
 }

@@ -216,6 +216,7 @@ static result_t read_normal_map(pbrt_t *p, params_t *params, blob_material_t *re
         report_warning(p->report, params_where(params, "displacement", (position_t){.path = ""}),
                        "\"displacement\" is ignored, since there is \"normalmap\", as in pbrt-v4");
     record->bump = 0;
+    record->flags |= MATERIAL_NORMALS_V4;
     position_t at = params_where(params, "normalmap", (position_t){.path = ""});
     return pbrt_normal_map(p, filename, at, &record->normal_map);
 }

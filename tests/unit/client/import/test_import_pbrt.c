@@ -1375,6 +1375,7 @@ static void bumps_and_normal_maps_are_read(void **state)
     expect_floats(map->matrix[0], (const double[]){1, 0, 0, 0, -1, 1}, 6);
     expect_near((double)bench.blob.images[map->image - 1].gamma, 1, 0);
     expect_near((double)material_of(&bench, 0)->normal_scale, 1, 0);
+    assert_int_equal(material_of(&bench, 0)->flags, MATERIAL_NORMALS_V4);
     bench_run(&bench,
               "WorldBegin\nTexture \"b\" \"float\" \"windy\"\nMaterial \"diffuse\" \"string normalmap\" "
               "\"n.tga\" \"texture displacement\" \"b\"\n" SPHERE); /* which alone counts in pbrt-v4 */
