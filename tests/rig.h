@@ -34,8 +34,8 @@ enum { RIG_PIXELS = 64 * 64, RIG_MOST_SPP = 1024 };
 /* What the tests render: seed-hidden, small, a few seconds of a core. Only what is hurt in the middle needs
  * as many samples. */
 job_settings_t rig_settings(void);
-/* The pixel hash of that job with so many samples a pixel, rendered by `lightmill render` without any farm;
- * computed once a program. */
+/* The pixel hash of that job with so many samples a pixel, rendered by `lightmill render` without any farm:
+ * once a program, or once for all that have the same folder in $LIGHTMILL_REFERENCES. */
 hash_t rig_reference_at(uint64_t spp);
 /* Of rig_settings as they are. */
 hash_t rig_reference(void);

@@ -6,7 +6,8 @@
 # of them wait for something, so more than JOBS run. Statistics compute for minutes and wait for nothing: they get, at
 # the lowest priority, what the others leave, and where there are any a quarter of the cores is left to them. Each
 # program has TCP ports of its own, in TEST_PORTS. Those that start no other processes (unit, statistics) have their
-# files in memory.
+# files in memory. All of a run share the folder LIGHTMILL_REFERENCES: tests/rig.c renders an image that several of them
+# compare with only once.
 #
 # --apart, for programs that a sanitizer makes slow: those that start processes have the machine to themselves.
 #
@@ -34,6 +35,8 @@ scratch=$(mktemp -d "$memory/lightmill-run-XXXXXX") || exit 1
 trap 'rm -rf "$scratch"' EXIT
 trap 'exit 130' INT TERM
 : >"$scratch/counts"
+mkdir "$scratch/references" || exit 1
+export LIGHTMILL_REFERENCES=$scratch/references
 
 # count LOG PATTERN: sums the numbers that follow the pattern.
 count() {

@@ -157,6 +157,23 @@ static void apart_they_have_the_machine_to_themselves(void **state)
     assert_ends_with(run, "\n4 passed, 0 failed\n");
 }
 
+/* One leaves something in the folder, and the other finds it; nothing is left for the next run. */
+static void programs_of_a_run_share_a_folder(void **state)
+{
+    run_t *run = *state;
+    add(run, "unit/test_a", "cd \"$LIGHTMILL_REFERENCES\" && [ ! -e it ] && echo of a >it && " PASSES);
+    add(run, "unit/test_b",
+        "cd \"$LIGHTMILL_REFERENCES\" || exit 1\n"
+        "for i in $(seq 1000); do [ -s it ] && exec " PASSES "sleep 0.01; done; exit 1\n");
+    for (int i = 0; i < 2; i++) {
+        run_all(run, "-j 2", 60);
+        assert_ends_with(run, "\n4 passed, 0 failed\n");
+        free(run->output);
+        run->output = NULL;
+        assert_int_equal(shell(mem_printf("rm '%s'/tests/unit/*.log", run->folder)), 0);
+    }
+}
+
 /* What computes for minutes and waits for nothing stands back. */
 static void statistics_have_the_lowest_priority(void **state)
 {
@@ -174,6 +191,7 @@ int main(void)
         RUN(all_is_well_when_all_pass),
         RUN(programs_that_wait_run_together_on_ports_of_their_own),
         RUN(apart_they_have_the_machine_to_themselves),
+        RUN(programs_of_a_run_share_a_folder),
         RUN(statistics_have_the_lowest_priority),
     };
     return cmocka_run_group_tests_name("run", tests, NULL, NULL);
