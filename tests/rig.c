@@ -25,6 +25,9 @@
 static const char SCENE[] = "scenes/seed-hidden";
 static const double PATIENCE = 240; /* seconds for anything, on a machine that does other things too */
 static const double ANSWER = 60;    /* seconds, of the master: no test measures it */
+/* Samples a pixel: that a job without an end still has when it is given one, and of which this end is a
+ * multiple. So there are few different ends, and few references are rendered. */
+enum { LEFT_TO_RENDER = 12, END_STEP = 32 };
 
 /* Ends the test with the message of a failed result. */
 static void must(result_t result)
@@ -328,6 +331,13 @@ uint64_t rig_submit_on(rig_t *rig, const job_settings_t *settings, const job_ter
     return job;
 }
 
+uint64_t rig_submit_endless(rig_t *rig)
+{
+    job_settings_t settings = rig_settings();
+    settings.spp = JOB_MAX_SPP;
+    return rig_submit(rig, &settings);
+}
+
 rig_status_t rig_status(rig_t *rig, uint64_t job)
 {
     wire_message_t message;
@@ -385,6 +395,31 @@ void rig_wait_samples(rig_t *rig, uint64_t job, uint64_t samples)
         if (status.samples_done >= samples || job_state_final(status.state)) return;
         check_patience(rig, start_time, "samples");
     }
+}
+
+void rig_wait_workers_seen(rig_t *rig, uint64_t job, uint32_t workers)
+{
+    for (double start_time = clock_now();; rig_sleep(0.02)) {
+        rig_status_t status = rig_status(rig, job);
+        if (status.workers_seen >= workers || job_state_final(status.state)) return;
+        check_patience(rig, start_time, "workers of the job");
+    }
+}
+
+/* Extends the job to the next multiple of END_STEP samples a pixel. */
+static void end_at_step(rig_t *rig, uint64_t job, uint64_t spp)
+{
+    uint64_t end = (spp + END_STEP - 1) / END_STEP * END_STEP;
+    must(remote_order(rig->remote, &(job_order_t){.job = job, .kind = ORDER_EXTEND, .spp = (uint32_t)end}));
+}
+
+void rig_end_job(rig_t *rig, uint64_t job)
+{
+    rig_status_t status = rig_status(rig, job);
+    end_at_step(rig, job, (status.counted + status.out) / RIG_PIXELS + LEFT_TO_RENDER);
+    /* Where a tile was further already, the job ends there. */
+    uint64_t end = rig_status(rig, job).samples_total / RIG_PIXELS;
+    if (end % END_STEP != 0) end_at_step(rig, job, end);
 }
 
 rig_status_t rig_wait_job(rig_t *rig, uint64_t job)

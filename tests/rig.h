@@ -30,7 +30,7 @@ typedef struct {
 #else
 #define RIG_SPP "192"
 #endif
-enum { RIG_PIXELS = 64 * 64, RIG_MOST_SPP = 1024 };
+enum { RIG_PIXELS = 64 * 64, RIG_MOST_SPP = 8192 };
 /* What the tests render: seed-hidden, small, a few seconds of a core. Only what is hurt in the middle needs
  * as many samples. */
 job_settings_t rig_settings(void);
@@ -80,6 +80,11 @@ char *rig_output(rig_t *rig, pid_t process);
 /* Uploads the scene and submits a job. */
 uint64_t rig_submit(rig_t *rig, const job_settings_t *settings);
 uint64_t rig_submit_on(rig_t *rig, const job_settings_t *settings, const job_terms_t *terms);
+/* A job of rig_settings without an end, for tests that hurt it in its middle: they wait for what they wait
+ * for, and then end it. */
+uint64_t rig_submit_endless(rig_t *rig);
+/* Gives a job that has none an end, soon after what is handed out: something is left to render. */
+void rig_end_job(rig_t *rig, uint64_t job);
 typedef struct {
     uint32_t state, workers, workers_seen;
     uint64_t samples_done, samples_total, batches_refused, units_reissued;
@@ -91,6 +96,8 @@ rig_status_t rig_status(rig_t *rig, uint64_t job);
 void rig_wait_output(rig_t *rig, pid_t process, const char *text);
 /* Waits until so many of the job's samples are counted, or it has ended. */
 void rig_wait_samples(rig_t *rig, uint64_t job, uint64_t samples);
+/* Waits until so many workers have had work of the job, or it has ended. */
+void rig_wait_workers_seen(rig_t *rig, uint64_t job, uint32_t workers);
 /* Waits for the end of the job and returns its last status. */
 rig_status_t rig_wait_job(rig_t *rig, uint64_t job);
 /* Waits for the end of a job of rig_settings, or of these with other samples: it is done, and its image is

@@ -14,6 +14,7 @@
 #include <cmocka.h>
 
 static const double BATCH_INTERVAL = 0.2; /* seconds */
+enum { BEGUN = 4 * RIG_PIXELS };          /* samples */
 
 static uint64_t submit_short(rig_t *rig, uint32_t spp)
 {
@@ -22,15 +23,14 @@ static uint64_t submit_short(rig_t *rig, uint32_t spp)
     return rig_submit(rig, &settings);
 }
 
-/* Starts a job on a farm of `workers` and waits until a fifth of it is counted. */
+/* Starts a job without an end on a farm of `workers` and waits until something of it is counted. */
 static uint64_t begin_job(rig_t *rig, int workers, pid_t *pids)
 {
     rig_start_master(rig, BATCH_INTERVAL);
     for (int i = 0; i < workers; i++) pids[i] = rig_start_worker(rig);
     rig_wait_workers(rig, (uint32_t)workers);
-    job_settings_t settings = rig_settings();
-    uint64_t job = rig_submit(rig, &settings);
-    rig_wait_samples(rig, job, (uint64_t)settings.width * (uint64_t)settings.height * settings.spp / 5);
+    uint64_t job = rig_submit_endless(rig);
+    rig_wait_samples(rig, job, BEGUN);
     return job;
 }
 
@@ -40,6 +40,7 @@ static void a_killed_worker_is_replaced(void **state)
     pid_t workers[2];
     uint64_t job = begin_job(rig, 2, workers);
     kill(workers[0], SIGKILL);
+    rig_end_job(rig, job);
     rig_assert_reference(rig, job);
 }
 
@@ -49,12 +50,15 @@ static void a_stopped_worker_is_replaced_and_comes_back(void **state)
     pid_t workers[2];
     uint64_t job = begin_job(rig, 2, workers);
     kill(workers[0], SIGSTOP);
+    rig_end_job(rig, job);
     rig_assert_reference(rig, job);
     rig_wait_workers(rig, 1);
     kill(workers[0], SIGCONT);
     rig_wait_workers(rig, 2);
-    assert_int_equal(rig_assert_reference(rig, submit_short(rig, rig_settings().spp * 2 / 3)).workers_seen,
-                     2);
+    job = rig_submit_endless(rig);
+    rig_wait_workers_seen(rig, job, 2);
+    rig_end_job(rig, job);
+    assert_int_equal(rig_assert_reference(rig, job).workers_seen, 2);
 }
 
 /* Stopped for longer than its lease, but back before the job ends: its units were given to the other. */
@@ -66,6 +70,9 @@ static void a_straggler_counts_nothing_twice(void **state)
     kill(workers[0], SIGSTOP);
     rig_wait_workers(rig, 1);
     kill(workers[0], SIGCONT);
+    rig_wait_workers(rig, 2);
+    rig_wait_samples(rig, job, rig_status(rig, job).samples_done + BEGUN);
+    rig_end_job(rig, job);
     rig_assert_reference(rig, job);
 }
 
@@ -77,6 +84,7 @@ static void the_last_worker_dies_and_a_new_one_finishes(void **state)
     kill(worker, SIGKILL);
     rig_wait_workers(rig, 0);
     assert_int_equal(rig_status(rig, job).state, JOB_RUNNING);
+    rig_end_job(rig, job);
     rig_start_worker(rig);
     rig_assert_reference(rig, job);
 }
@@ -87,8 +95,9 @@ static void a_late_worker_joins(void **state)
     pid_t worker;
     uint64_t job = begin_job(rig, 1, &worker);
     rig_start_worker(rig);
-    rig_assert_reference(rig, job);
-    assert_int_equal(rig_status(rig, job).workers_seen, 2);
+    rig_wait_workers_seen(rig, job, 2);
+    rig_end_job(rig, job);
+    assert_int_equal(rig_assert_reference(rig, job).workers_seen, 2);
 }
 
 /* After a first small one no batch is due for a long time: what is counted then came with the farewell. */
@@ -97,8 +106,7 @@ static void a_worker_sent_away_leaves_its_work(void **state)
     rig_t *rig = *state;
     rig_start_master(rig, 1000);
     pid_t worker = rig_start_worker(rig);
-    job_settings_t settings = rig_settings();
-    uint64_t job = rig_submit(rig, &settings);
+    uint64_t job = rig_submit_endless(rig);
     rig_wait_output(rig, worker, "counted after");
     rig_sleep(0.5);
     uint64_t before = rig_status(rig, job).samples_done;
@@ -106,6 +114,7 @@ static void a_worker_sent_away_leaves_its_work(void **state)
     assert_int_equal(rig_wait_exit(rig, worker, 30), 0);
     assert_true(rig_status(rig, job).samples_done > before);
     rig_wait_workers(rig, 0);
+    rig_end_job(rig, job);
     rig_start_worker(rig);
     rig_assert_reference(rig, job);
 }
@@ -142,6 +151,7 @@ static void a_stopped_master_goes_on(void **state)
     kill(rig->master, SIGSTOP);
     rig_sleep(2.5);
     kill(rig->master, SIGCONT);
+    rig_end_job(rig, job);
     rig_assert_reference(rig, job);
 }
 
@@ -217,7 +227,7 @@ static void a_client_sees_the_end_of_its_master(void **state)
 
 int main(void)
 {
-#define FAULT(test) cmocka_unit_test_setup_teardown(test, rig_set_up_with_reference, rig_tear_down)
+#define FAULT(test) cmocka_unit_test_setup_teardown(test, rig_set_up, rig_tear_down)
     const struct CMUnitTest tests[] = {
         FAULT(a_killed_worker_is_replaced),
         FAULT(a_stopped_worker_is_replaced_and_comes_back),

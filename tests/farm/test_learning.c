@@ -42,12 +42,6 @@ static void start_master(rig_t *rig, const char *data)
     rig_start_master_on(rig, data, INTERVAL, (const char *[]){"--checkpoint", "0.1", NULL});
 }
 
-static uint64_t submit(rig_t *rig)
-{
-    job_settings_t settings = rig_settings();
-    return rig_submit(rig, &settings);
-}
-
 static void kills_in_any_pass_make_no_difference(void **state)
 {
     rig_t *rig = *state;
@@ -57,7 +51,7 @@ static void kills_in_any_pass_make_no_difference(void **state)
     start_master(rig, data);
     pid_t worker = rig_start_worker(rig);
     rig_start_worker(rig);
-    uint64_t job = submit(rig);
+    uint64_t job = rig_submit_endless(rig);
     for (size_t i = 0; i < ARRAY_LENGTH(at); i++) {
         rig_wait_samples(rig, job, (uint64_t)at[i] * PIXELS);
         rig_kill_master(rig);
@@ -67,6 +61,7 @@ static void kills_in_any_pass_make_no_difference(void **state)
         }
         start_master(rig, data);
     }
+    rig_end_job(rig, job);
     rig_assert_reference(rig, job);
     scratch_destroy(&data);
 }
@@ -77,11 +72,12 @@ static void late_workers_go_by_the_same_plans(void **state)
     rig_t *rig = *state;
     rig_start_master(rig, INTERVAL);
     pid_t first = rig_start_worker(rig);
-    uint64_t job = submit(rig);
+    uint64_t job = rig_submit_endless(rig);
     rig_wait_samples(rig, job, PIXELS * 20);
     rig_start_worker(rig);
     rig_wait_workers(rig, 2);
     kill(first, SIGKILL);
+    rig_end_job(rig, job);
     rig_assert_reference(rig, job);
 }
 
@@ -108,11 +104,9 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(plans_change_the_picture),
-        cmocka_unit_test_setup_teardown(kills_in_any_pass_make_no_difference, rig_set_up_with_reference,
-                                        rig_tear_down),
-        cmocka_unit_test_setup_teardown(late_workers_go_by_the_same_plans, rig_set_up_with_reference,
-                                        rig_tear_down),
-        cmocka_unit_test_setup_teardown(checks_agree, rig_set_up_with_reference, rig_tear_down),
+        cmocka_unit_test_setup_teardown(kills_in_any_pass_make_no_difference, rig_set_up, rig_tear_down),
+        cmocka_unit_test_setup_teardown(late_workers_go_by_the_same_plans, rig_set_up, rig_tear_down),
+        cmocka_unit_test_setup_teardown(checks_agree, rig_set_up, rig_tear_down),
     };
     return cmocka_run_group_tests_name("learning", tests, NULL, NULL);
 }

@@ -78,15 +78,12 @@ static uint64_t submit_short(rig_t *rig, uint32_t spp)
     return rig_submit(rig, &settings);
 }
 
-static uint64_t submit(rig_t *rig)
+/* Submits a job without an end and waits until something of it is counted. */
+static uint64_t begin_job(rig_t *rig)
 {
-    return submit_short(rig, rig_settings().spp);
-}
-
-static uint64_t samples_in_all(void)
-{
-    job_settings_t settings = rig_settings();
-    return (uint64_t)settings.width * (uint64_t)settings.height * settings.spp;
+    uint64_t job = rig_submit_endless(rig);
+    rig_wait_samples(rig, job, 4 * RIG_PIXELS);
+    return job;
 }
 
 static void nobody_can_tell_from_the_image(void **state)
@@ -113,7 +110,10 @@ static void workers_beside_and_below_share_a_job(void **state)
     start_worker(rig, upper);
     start_worker(rig, rig->port);
     rig_wait_workers(rig, 2);
-    assert_true(rig_assert_reference(rig, submit_short(rig, rig_settings().spp * 2 / 3)).workers_seen >= 2);
+    uint64_t job = rig_submit_endless(rig);
+    rig_wait_workers_seen(rig, job, 2);
+    rig_end_job(rig, job);
+    assert_true(rig_assert_reference(rig, job).workers_seen >= 2);
 }
 
 static void a_killed_relay_loses_nothing(void **state)
@@ -124,11 +124,11 @@ static void a_killed_relay_loses_nothing(void **state)
     pid_t relay = start_relay(rig, rig->port, &port);
     start_worker(rig, port);
     start_worker(rig, port);
-    uint64_t job = submit(rig);
-    rig_wait_samples(rig, job, samples_in_all() / 5);
+    uint64_t job = begin_job(rig);
     kill(relay, SIGKILL);
     rig_wait_workers(rig, 0);
     assert_int_equal(rig_status(rig, job).state, JOB_RUNNING);
+    rig_end_job(rig, job);
     start_relay_at(rig, rig->port, port, "0.2"); /* the workers find it */
     rig_assert_reference(rig, job);
 }
@@ -141,9 +141,9 @@ static void a_killed_worker_is_replaced_below(void **state)
     start_relay(rig, rig->port, &port);
     pid_t worker = start_worker(rig, port);
     start_worker(rig, port);
-    uint64_t job = submit(rig);
-    rig_wait_samples(rig, job, samples_in_all() / 5);
+    uint64_t job = begin_job(rig);
     kill(worker, SIGKILL);
+    rig_end_job(rig, job);
     rig_assert_reference(rig, job);
 }
 
@@ -155,12 +155,13 @@ static void a_stopped_relay_goes_on(void **state)
     pid_t relay = start_relay(rig, rig->port, &port);
     start_worker(rig, port);
     start_worker(rig, port);
-    uint64_t job = submit(rig);
-    rig_wait_samples(rig, job, samples_in_all() / 5);
+    uint64_t job = begin_job(rig);
     kill(relay, SIGSTOP);
     rig_wait_workers(rig, 0);
     rig_sleep(0.5);
     kill(relay, SIGCONT);
+    rig_wait_workers(rig, 1);
+    rig_end_job(rig, job);
     rig_assert_reference(rig, job);
 }
 
@@ -172,11 +173,12 @@ static void the_master_comes_back(void **state)
     start_relay(rig, rig->port, &port);
     start_worker(rig, port);
     start_worker(rig, port);
-    uint64_t job = submit(rig);
-    rig_wait_samples(rig, job, samples_in_all() / 5);
+    uint64_t job = begin_job(rig);
     rig_kill_master(rig);
     rig_sleep(0.5);
     rig_restart_master(rig, BATCH_INTERVAL);
+    rig_wait_workers(rig, 1);
+    rig_end_job(rig, job);
     rig_assert_reference(rig, job);
 }
 
@@ -188,7 +190,7 @@ static void a_relay_that_leaves_delivers(void **state)
     rig_start_master(rig, 1000);
     pid_t relay = start_relay(rig, rig->port, &port);
     pid_t worker = start_worker(rig, port);
-    uint64_t job = submit(rig);
+    uint64_t job = rig_submit_endless(rig);
     rig_wait_output(rig, worker, "counted after");
     kill(relay, SIGTERM);
     assert_int_equal(rig_wait_exit(rig, relay, 30), 0);
@@ -203,9 +205,7 @@ static void a_cancelled_job_keeps_what_the_workers_had(void **state)
     rig_start_master(rig, 1000);
     start_relay(rig, rig->port, &port);
     pid_t worker = start_worker(rig, port);
-    job_settings_t settings = rig_settings(), endless = settings;
-    endless.spp = JOB_MAX_SPP;
-    uint64_t job = rig_submit(rig, &endless);
+    uint64_t job = rig_submit_endless(rig);
     rig_wait_output(rig, worker, "counted after");
     assert_int_equal(remote_cancel(rig->remote, job).code, RESULT_OK);
     assert_int_equal(rig_wait_job(rig, job).state, JOB_CANCELLED);
@@ -225,7 +225,7 @@ static void relays_vouch_for_one_another(void **state)
     }
     rig_wait_workers(rig, 2);
     job_settings_t settings = rig_settings();
-    settings.spp /= 2;
+    settings.spp /= 3;
     job_terms_t terms = {.name = "verified", .verify = 0.3};
     uint64_t job = rig_submit_on(rig, &settings, &terms), passed, failed;
     rig_assert_reference(rig, job);
@@ -246,14 +246,14 @@ static void a_paused_job_goes_on_below(void **state)
     start_relay(rig, rig->port, &port);
     start_worker(rig, port);
     start_worker(rig, port);
-    uint64_t job = submit(rig);
-    rig_wait_samples(rig, job, samples_in_all() / 5);
+    uint64_t job = begin_job(rig);
     assert_int_equal(remote_order(rig->remote, &(job_order_t){.job = job, .kind = ORDER_PAUSE}).code,
                      RESULT_OK);
     rig_sleep(1);
     assert_int_equal(rig_status(rig, job).state, JOB_PAUSED);
     assert_int_equal(remote_order(rig->remote, &(job_order_t){.job = job, .kind = ORDER_RESUME}).code,
                      RESULT_OK);
+    rig_end_job(rig, job);
     rig_assert_reference(rig, job);
 }
 
@@ -278,7 +278,7 @@ static void a_relay_has_keys_in_both_directions(void **state)
 
 int main(void)
 {
-#define RELAY(test) cmocka_unit_test_setup_teardown(test, rig_set_up_with_reference, rig_tear_down)
+#define RELAY(test) cmocka_unit_test_setup_teardown(test, rig_set_up, rig_tear_down)
     const struct CMUnitTest tests[] = {
         RELAY(nobody_can_tell_from_the_image),
         RELAY(workers_beside_and_below_share_a_job),
