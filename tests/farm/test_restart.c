@@ -31,7 +31,6 @@ typedef struct {
 static int set_up(void **state)
 {
     restart_t *t = mem_zalloc(1, sizeof *t);
-    rig_reference();
     const char *before = getenv("TMPDIR");
     char *kept = before != NULL ? mem_strdup(before) : NULL;
     if (access("/dev/shm", W_OK) == 0) setenv("TMPDIR", "/dev/shm", 1);
@@ -109,16 +108,22 @@ static void wait_generations(restart_t *t, int wanted)
 }
 
 /* A master, so many workers, and a job of which something is counted. */
-static uint64_t begin_job(restart_t *t, uint32_t workers)
+static uint64_t begin_job_of(restart_t *t, uint32_t workers, uint32_t spp)
 {
     start_master(t);
     for (uint32_t i = 0; i < workers; i++) rig_start_worker(t->rig);
     rig_wait_workers(t->rig, workers);
     job_settings_t settings = rig_settings();
-    if (workers == 1) settings.spp = settings.spp * 2 / 3; /* which takes it longer than all takes two */
+    settings.spp = spp;
     uint64_t job = rig_submit(t->rig, &settings);
-    rig_wait_samples(t->rig, job, samples_of(&settings) / 10);
+    rig_wait_samples(t->rig, job, 4 * RIG_PIXELS);
     return job;
+}
+
+/* One worker, and a job without an end. */
+static uint64_t begin_job(restart_t *t)
+{
+    return begin_job_of(t, 1, JOB_MAX_SPP);
 }
 
 /* ---- kills --------------------------------------------------------------------------------------------- */
@@ -141,7 +146,7 @@ static void wait_for_writing(restart_t *t)
 static void a_master_killed_at_any_moment_loses_nothing(void **state)
 {
     restart_t *t = *state;
-    uint64_t job = begin_job(t, 2);
+    uint64_t job = begin_job_of(t, 2, rig_settings().spp);
     uint64_t random = 4711;
     for (int kills = 0; kills < 8 && !job_state_final(rig_status(t->rig, job).state); kills++) {
         random = random * 6364136223846793005u + 1442695040888963407u;
@@ -158,12 +163,13 @@ static void a_master_killed_at_any_moment_loses_nothing(void **state)
 static void many_kills_in_a_row_cost_no_more_than_one(void **state)
 {
     restart_t *t = *state;
-    uint64_t job = begin_job(t, 1);
+    uint64_t job = begin_job(t);
     wait_generations(t, 1);
     uint64_t done = rig_status(t->rig, job).samples_done;
     for (int i = 0; i < 4; i++) restart_master(t);
     rig_wait_samples(t->rig, job, 1);
     assert_true(done > 0 && rig_status(t->rig, job).samples_done > 0);
+    rig_end_job(t->rig, job);
     assert_reference(t, job);
     restart_master(t); /* it is over and stays over */
     assert_reference(t, job);
@@ -229,7 +235,7 @@ static void a_job_that_is_over_is_extended(void **state)
     start_master(t);
     rig_start_worker(t->rig);
     job_settings_t settings = rig_settings(), part = settings;
-    part.spp /= 4;
+    part.spp = 16;
     uint64_t job = rig_submit(t->rig, &part);
     assert_int_equal(rig_wait_job(t->rig, job).state, JOB_DONE);
     restart_master(t);
@@ -249,9 +255,8 @@ static void sigterm_saves_everything(void **state)
     /* No checkpoint is due for a long time. */
     rig_start_master_on(t->rig, t->data, INTERVAL, (const char *[]){"--checkpoint", "1000", NULL});
     rig_start_worker(t->rig);
-    job_settings_t settings = rig_settings();
-    uint64_t job = rig_submit(t->rig, &settings);
-    rig_wait_samples(t->rig, job, samples_of(&settings) / 5);
+    uint64_t job = rig_submit_endless(t->rig);
+    rig_wait_samples(t->rig, job, 4 * RIG_PIXELS);
     uint64_t done = rig_status(t->rig, job).samples_done;
     pid_t master = t->rig->master;
     kill(master, SIGTERM);
@@ -262,6 +267,7 @@ static void sigterm_saves_everything(void **state)
     start_master(t);
     rig_wait_output(t->rig, t->rig->master, "its film is here");
     assert_true(rig_status(t->rig, job).samples_done >= done);
+    rig_end_job(t->rig, job);
     assert_reference(t, job);
 }
 
@@ -288,7 +294,7 @@ static void a_damaged_checkpoint_costs_one_generation(void **state)
 {
     restart_t *t = *state;
     unsigned found[8];
-    uint64_t job = begin_job(t, 1);
+    uint64_t job = begin_job(t);
     wait_generations(t, 2);
     rig_kill_master(t->rig);
     assert_int_equal(generations(t, found), 2);
@@ -299,6 +305,7 @@ static void a_damaged_checkpoint_costs_one_generation(void **state)
     rig_wait_output(t->rig, t->rig->master, "pixel samples are rendered again");
     assert_non_null(strstr(rig_status(t->rig, job).message, "a checkpoint could not be used"));
     assert_true(rig_status(t->rig, job).samples_done > 0);
+    rig_end_job(t->rig, job);
     assert_reference(t, job);
 }
 
@@ -306,12 +313,13 @@ static void without_any_good_checkpoint_the_job_begins_anew(void **state)
 {
     restart_t *t = *state;
     unsigned found[8];
-    uint64_t job = begin_job(t, 1);
+    uint64_t job = begin_job(t);
     wait_generations(t, 1);
     rig_kill_master(t->rig);
     for (int i = generations(t, found) - 1; i >= 0; i--) damage_generation(t, found[i]);
     start_master(t);
     rig_wait_output(t->rig, t->rig->master, "the job begins anew");
+    rig_end_job(t->rig, job);
     assert_reference(t, job);
 }
 
@@ -319,7 +327,7 @@ static void without_any_good_checkpoint_the_job_begins_anew(void **state)
 static void a_damaged_journal_is_rebuilt(void **state)
 {
     restart_t *t = *state;
-    uint64_t job = begin_job(t, 1);
+    uint64_t job = begin_job(t);
     wait_generations(t, 1);
     rig_kill_master(t->rig);
     char *path = scratch_path(t->data, "lightmill.db"), *log = scratch_path(t->data, "lightmill.db-wal");
@@ -329,6 +337,7 @@ static void a_damaged_journal_is_rebuilt(void **state)
     start_master(t);
     rig_wait_output(t->rig, t->rig->master, "THE JOURNAL IS DAMAGED");
     assert_true(rig_status(t->rig, job).samples_done > 0);
+    rig_end_job(t->rig, job);
     assert_reference(t, job);
     job_settings_t settings = rig_settings();
     settings.spp = 1;
@@ -360,6 +369,7 @@ static void bring_scene_back(restart_t *t, uint64_t job)
     rig_submit(t->rig, &other);
     job_order_t resume = {.job = job, .kind = ORDER_RESUME};
     assert_int_equal(remote_order(t->rig->remote, &resume).code, RESULT_OK);
+    rig_end_job(t->rig, job);
     assert_reference(t, job);
 }
 
@@ -367,7 +377,7 @@ static void bring_scene_back(restart_t *t, uint64_t job)
 static void a_lost_scene_pauses_its_job(void **state)
 {
     restart_t *t = *state;
-    uint64_t job = begin_job(t, 1);
+    uint64_t job = begin_job(t);
     wait_generations(t, 1);
     rig_kill_master(t->rig);
     char *path = scene_path(t);
@@ -385,7 +395,7 @@ static void a_lost_scene_pauses_its_job(void **state)
 static void a_damaged_scene_pauses_its_job(void **state)
 {
     restart_t *t = *state;
-    uint64_t job = begin_job(t, 1);
+    uint64_t job = begin_job(t);
     wait_generations(t, 1);
     rig_kill_master(t->rig);
     char *path = scene_path(t);
@@ -435,7 +445,7 @@ static void a_full_disk_pauses_and_loses_nothing(void **state)
 {
     restart_t *t = *state;
     if (!mount_small(t, "8m")) return;
-    uint64_t job = begin_job(t, 1);
+    uint64_t job = begin_job_of(t, 1, rig_settings().spp * 2 / 3);
     wait_generations(t, 1);
     fill_disk(t);
     rig_wait_output(t->rig, t->rig->master, "CHECKPOINTS PAUSE");
@@ -471,7 +481,7 @@ static void a_kill_on_a_full_disk_costs_one_interval(void **state)
 {
     restart_t *t = *state;
     if (!mount_small(t, "8m")) return;
-    uint64_t job = begin_job(t, 1);
+    uint64_t job = begin_job_of(t, 1, rig_settings().spp * 2 / 3);
     wait_generations(t, 1);
     fill_disk(t);
     rig_wait_output(t->rig, t->rig->master, "CHECKPOINTS PAUSE");
