@@ -160,7 +160,7 @@ static void the_error_falls_with_samples(void **state)
         estimate_image_t reference = reference_read(scenes[i]);
         double relmse[2];
         for (int k = 0; k < 2; k++) {
-            wish_t wish = {.integrator = INTEGRATOR_VCM, .spp = k == 0 ? 2 : 48};
+            wish_t wish = {.integrator = INTEGRATOR_VCM, .spp = k == 0 ? 2 : 32};
             estimate_image_t image = render(path, &wish);
             agreement_t agreement;
             agreement_measure(&image, &reference, &agreement);
