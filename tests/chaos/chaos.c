@@ -45,6 +45,7 @@ static const char usage[] =
     "  --keep           it stays in any case\n"
     "  --least N        fail when there were fewer faults (0)\n"
     "  --least-kills N  fail when the master was killed less often (0)\n"
+    "  --smaller N      jobs have so many times fewer samples a pixel (1)\n"
     "  --keys, --open   with keys, or open to everybody (with keys when the seed is odd)\n"
     "  --only KINDS     only faults whose names have one of these, with commas between them, in them\n"
     "  --keep-going     do not end at the first violation\n";
@@ -54,6 +55,7 @@ typedef struct {
     uint64_t seed;
     const char *parent, *only;
     size_t least, least_kills;
+    unsigned smaller;
     bool keep, keep_going, keys, open;
 } options_t;
 
@@ -74,20 +76,16 @@ typedef struct {
 
 static options_t parse_options(int argc, char **argv)
 {
-    static const struct option list[] = {{"seconds", required_argument, NULL, 's'},
-                                         {"pause", required_argument, NULL, 'p'},
-                                         {"seed", required_argument, NULL, 'r'},
-                                         {"folder", required_argument, NULL, 'f'},
-                                         {"least", required_argument, NULL, 'l'},
-                                         {"least-kills", required_argument, NULL, 'k'},
-                                         {"only", required_argument, NULL, 'o'},
-                                         {"keep", no_argument, NULL, 'e'},
-                                         {"keys", no_argument, NULL, 'y'},
-                                         {"open", no_argument, NULL, 'n'},
-                                         {"keep-going", no_argument, NULL, 'g'},
-                                         {"help", no_argument, NULL, 'h'},
-                                         {NULL, 0, NULL, 0}};
-    options_t options = {.seconds = 600, .pause = 1.8, .seed = (uint64_t)time(NULL) % 1000000, .parent = "."};
+    static const struct option list[] = {
+        {"seconds", required_argument, NULL, 's'}, {"pause", required_argument, NULL, 'p'},
+        {"seed", required_argument, NULL, 'r'},    {"folder", required_argument, NULL, 'f'},
+        {"least", required_argument, NULL, 'l'},   {"least-kills", required_argument, NULL, 'k'},
+        {"smaller", required_argument, NULL, 'm'}, {"only", required_argument, NULL, 'o'},
+        {"keep", no_argument, NULL, 'e'},          {"keys", no_argument, NULL, 'y'},
+        {"open", no_argument, NULL, 'n'},          {"keep-going", no_argument, NULL, 'g'},
+        {"help", no_argument, NULL, 'h'},          {NULL, 0, NULL, 0}};
+    options_t options = {
+        .seconds = 600, .pause = 1.8, .seed = (uint64_t)time(NULL) % 1000000, .parent = ".", .smaller = 1};
     for (int found; (found = getopt_long(argc, argv, "", list, NULL)) != -1;) {
         if (found == 's') options.seconds = atof(optarg);
         if (found == 'p') options.pause = atof(optarg);
@@ -98,8 +96,10 @@ static options_t parse_options(int argc, char **argv)
         if (found == 'e') options.keep = true;
         if (found == 'l') options.least = strtoull(optarg, NULL, 10);
         if (found == 'k') options.least_kills = strtoull(optarg, NULL, 10);
+        if (found == 'm') options.smaller = (unsigned)strtoul(optarg, NULL, 10);
         if (found == 'o') options.only = optarg;
         if (found == 'g') options.keep_going = true;
+        if (options.smaller == 0) found = '?';
         if (found != 'h' && found != '?') continue;
         fputs(usage, found == 'h' ? stdout : stderr);
         exit(found == 'h' ? 0 : RESULT_USAGE);
@@ -202,6 +202,7 @@ static void begin(chaos_t *chaos)
                                                        .master = chaos->master,
                                                        .passes = &chaos->passes,
                                                        .seed = chaos->options.seed,
+                                                       .smaller = chaos->options.smaller,
                                                        .at_a_time = 3});
     chaos->faults = faults_new(&(faults_setup_t){.report = &chaos->report,
                                                  .processes = &chaos->processes,

@@ -21,7 +21,7 @@ static void nothing_is_lost_in_a_storm(void **state)
         /* At this length: some 20 faults, and 4 or 5 deaths of the master. */
         const char *folder = getenv("TMPDIR");
         execl(program, program, "--seconds", "16", "--pause", "0.6", "--seed", "3", "--least", "8",
-              "--least-kills", "2", "--folder", folder ? folder : "/tmp", NULL);
+              "--least-kills", "2", "--smaller", "2", "--folder", folder ? folder : "/tmp", NULL);
         _exit(127);
     }
     int status = -1;

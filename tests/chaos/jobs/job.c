@@ -76,7 +76,7 @@ static void submit(job_t *job)
     words_t words = {0};
     job_text_t text = {0};
     words_add(&words, "submit");
-    job_kind_words(job->kind, job->seed, false, &words, &text);
+    job_kind_words(job->kind, job->setup->references->smaller, job->seed, false, &words, &text);
     words_add_all(&words, job->kind->terms);
     WORDS_ADD(&words, "--name", job->name);
     start_command(job, &words, ".submit.log");
@@ -103,7 +103,8 @@ static void fetch(job_t *job)
 static void extend(job_t *job)
 {
     job_text_t text = {0};
-    start_order(job, "extend", "--spp", job_kind_spp(job->kind, true, &text));
+    start_order(job, "extend", "--spp",
+                job_kind_spp(job->kind, job->setup->references->smaller, true, &text));
 }
 
 static void pause_job(job_t *job)

@@ -46,17 +46,18 @@ const job_kind_t JOB_KIND_LIST[JOB_KINDS] = {
      .paused = true},
 };
 
-const char *job_kind_spp(const job_kind_t *kind, bool extended, job_text_t *text)
+const char *job_kind_spp(const job_kind_t *kind, unsigned smaller, bool extended, job_text_t *text)
 {
-    unsigned spp = (extended ? kind->extended_spp : kind->spp) / SLOWNESS;
+    unsigned spp = (extended ? kind->extended_spp : kind->spp) / SLOWNESS / smaller;
     snprintf(text->spp, sizeof text->spp, "%u", spp > 0 ? spp : 1);
     return text->spp;
 }
 
-void job_kind_words(const job_kind_t *kind, unsigned seed, bool extended, words_t *words, job_text_t *text)
+void job_kind_words(const job_kind_t *kind, unsigned smaller, unsigned seed, bool extended, words_t *words,
+                    job_text_t *text)
 {
     snprintf(text->seed, sizeof text->seed, "%u", seed);
     words_add_all(words, kind->options);
     WORDS_ADD(words, "--seed", text->seed);
-    if (kind->spp > 0) WORDS_ADD(words, "--spp", job_kind_spp(kind, extended, text));
+    if (kind->spp > 0) WORDS_ADD(words, "--spp", job_kind_spp(kind, smaller, extended, text));
 }

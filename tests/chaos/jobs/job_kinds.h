@@ -26,9 +26,10 @@ typedef struct {
     char spp[16], seed[16];
 } job_text_t;
 
-/* Its samples a pixel, in text->spp. */
-const char *job_kind_spp(const job_kind_t *kind, bool extended, job_text_t *text);
+/* Its samples a pixel divided by `smaller`, in text->spp. */
+const char *job_kind_spp(const job_kind_t *kind, unsigned smaller, bool extended, job_text_t *text);
 /* What the image depends on, for submit and render; some of the words lie in `text`. */
-void job_kind_words(const job_kind_t *kind, unsigned seed, bool extended, words_t *words, job_text_t *text);
+void job_kind_words(const job_kind_t *kind, unsigned smaller, unsigned seed, bool extended, words_t *words,
+                    job_text_t *text);
 
 #endif

@@ -29,7 +29,8 @@ struct job_list {
 job_list_t *job_list_new(const job_list_setup_t *setup)
 {
     job_list_t *job_list = mem_zalloc(1, sizeof *job_list);
-    job_list->references = (references_t){.report = setup->report, .folder = setup->folder};
+    job_list->references =
+        (references_t){.report = setup->report, .folder = setup->folder, .smaller = setup->smaller};
     job_list->setup = (job_setup_t){.report = setup->report,
                                     .folder = setup->folder,
                                     .master = setup->master,

@@ -17,6 +17,7 @@ typedef struct {
     const char *master; /* its address */
     const passes_t *passes;
     uint64_t seed;
+    unsigned smaller; /* what the samples of jobs are divided by */
     size_t at_a_time; /* jobs that are open */
 } job_list_setup_t;
 

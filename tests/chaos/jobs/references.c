@@ -7,12 +7,12 @@
 
 static const double LIMIT = 600; /* seconds for a render */
 
-static void render(reference_t *reference)
+static void render(const references_t *references, reference_t *reference)
 {
     words_t words = {0};
     job_text_t text = {0};
     words_add(&words, "render");
-    job_kind_words(reference->kind, reference->seed, reference->extended, &words, &text);
+    job_kind_words(reference->kind, references->smaller, reference->seed, reference->extended, &words, &text);
     WORDS_ADD(&words, "--quiet", "-o", reference->image);
     char *output = mem_printf("%s.log", reference->image);
     command_start(&reference->render, output, words.list, true);
@@ -30,7 +30,7 @@ const reference_t *references_get(references_t *references, const job_kind_t *ki
     *reference = (reference_t){.kind = kind, .seed = seed, .extended = extended};
     reference->image = mem_printf("%s/reference-%s-%u%s.exr", references->folder, kind->name, seed,
                                   extended ? "-extended" : "");
-    render(reference);
+    render(references, reference);
     return reference;
 }
 

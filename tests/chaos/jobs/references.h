@@ -22,6 +22,7 @@ typedef struct {
 typedef struct {
     report_t *report;
     const char *folder; /* for images and logs */
+    unsigned smaller;   /* what the samples of jobs are divided by */
     reference_t list[MAX_REFERENCES];
     size_t count;
 } references_t;
