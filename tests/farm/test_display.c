@@ -31,7 +31,7 @@ static void a_render_is_shown_as_it_converges(void **state)
     tev_t *tev = tev_start(rig->folder, 0, false);
     char *path = scratch_path(rig->folder, "image.exr");
     const char *const arguments[] = {"render", SCENE, "-o",        path,         "--resolution", "200x300",
-                                     "--time", "4",   "--display", tev->address, "--quiet",      NULL};
+                                     "--time", "2",   "--display", tev->address, "--quiet",      NULL};
     pid_t render = rig_start_command(rig, arguments);
     char *layout = tev_wait(tev, "create ", PATIENCE);
     assert_non_null(layout);
@@ -99,7 +99,7 @@ static void no_viewer_keeps_a_render_up(void **state)
     char *alone = scratch_path(rig->folder, "alone.exr"), *absent = scratch_path(rig->folder, "absent.exr");
     char *unread = scratch_path(rig->folder, "unread.exr");
     char *nobody = mem_printf("127.0.0.1:%d", rig->port);
-#define RENDER(path) "render", SCENE, "--resolution", "300x300", "--spp", "8", "-o", path
+#define RENDER(path) "render", SCENE, "--resolution", "300x300", "--spp", "2", "-o", path
     const char *const first[] = {RENDER(alone), NULL};
     const char *const second[] = {RENDER(absent), "--display", nobody, NULL};
     const char *const third[] = {RENDER(unread), "--display", deaf->address, NULL};
