@@ -14,7 +14,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/file.h>
 #include <sys/prctl.h>
 #include <sys/wait.h>
 #include <time.h>
@@ -486,7 +485,8 @@ static hash_t shared_reference(const char *folder, uint64_t spp)
     char *path = mem_printf("%s/rig-%d", folder, (int)spp);
     int file = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
     assert_true(file >= 0);
-    while (flock(file, LOCK_EX) != 0) assert_int_equal(errno, EINTR);
+    struct flock lock = {.l_type = F_WRLCK, .l_whence = SEEK_SET}; /* the process's: it can lock again */
+    while (fcntl(file, F_SETLKW, &lock) != 0) assert_int_equal(errno, EINTR);
     hash_t hash;
     if (pread(file, &hash, sizeof hash, 0) != sizeof hash) {
         hash = render_reference(spp);
