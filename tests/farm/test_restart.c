@@ -235,6 +235,7 @@ static void a_job_that_is_over_is_extended(void **state)
     start_master(t);
     rig_start_worker(t->rig);
     job_settings_t settings = rig_settings(), part = settings;
+    settings.spp /= 3;
     part.spp = 16;
     uint64_t job = rig_submit(t->rig, &part);
     assert_int_equal(rig_wait_job(t->rig, job).state, JOB_DONE);
