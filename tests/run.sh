@@ -86,7 +86,7 @@ weigh() {
     seconds=${known_seconds[$name]:-$seconds}
     cores=${known_cores[$name]:-$cores}
     case $apart:$name in
-        :statistics/*) lane=back ;;
+        :statistics/*) lane=back && cores=100 ;; # also what has a process for each core: none is left for the end
         :*) ;;
         yes:unit/* | yes:statistics/*) cores=100 ;;
         *) cores=${idle[front]} ;;
