@@ -278,6 +278,7 @@ static result_t check_medium(const scene_blob_t *blob, const blob_medium_t *medi
     CHECK(is_rate(medium->absorption) && is_rate(medium->scattering) && is_rate(medium->emission),
           "medium %llu: a coefficient is negative, too large, or not finite", id);
     CHECK(medium->g > -1 && medium->g < 1, "medium %llu: its g must be between -1 and 1", id);
+    CHECK(medium->is_of_colour <= 1, "medium %llu is of no sort that is known", id);
     CHECK(is_field(blob, medium->density, 1) && is_field(blob, medium->absorption_tint, 3) &&
               is_field(blob, medium->scattering_tint, 3) && is_field(blob, medium->temperature, 1) &&
               (is_field(blob, medium->emission_tint, 1) || is_field(blob, medium->emission_tint, 3)),

@@ -419,7 +419,8 @@ typedef enum {
                                       BASE_ROUGHNESS]; TINTED */
     MATERIAL_DIFFUSE_TRANSMISSION, /* [REFLECTANCE, TRANSMITTANCE] */
     MATERIAL_GLTF,                 /* [REFLECTANCE, METALLIC, ROUGHNESS_U, ETA, SPECULAR, SPECULAR_COLOUR,
-                                      CLEARCOAT, CLEARCOAT_ROUGHNESS, TRANSMISSION, ATTENUATION, SHEEN_COLOUR,
+                                      CLEARCOAT, CLEARCOAT_ROUGHNESS, TRANSMISSION, ATTENUATION, after
+                                      THICKNESS leaving a given colour, SHEEN_COLOUR,
                                       SHEEN_ROUGHNESS, ANISOTROPIC, ANISOTROPY_DIRECTION, ANISOTROPY_TURN,
                                       DIFFUSE_TRANSMISSION, TRANSMITTANCE, IRIDESCENCE, IRIDESCENCE_ETA,
                                       IRIDESCENCE_THICKNESS, DISPERSION]; THIN without a volume; COAT_NORMAL */
@@ -517,7 +518,9 @@ typedef struct {
     blob_ref_t temperature; /* of numbers, likewise. Glow is 0 where it is at most `coldest`, and up to
                                `hottest` between BLOB_GLOW_STEPS colours, which lie evenly */
     float coldest, hottest;
-    uint32_t first_glow; /* in the numbers: linear sRGB */
+    uint32_t first_glow;   /* in the numbers: linear sRGB */
+    uint32_t is_of_colour; /* 1: an even body whose albedo was made of the colour that it shows, which a
+                              spectral job takes for what is given; else 0 */
 } blob_medium_t;
 
 /* ---- tables of BSDFs ----------------------------------------------------------------------------------- */

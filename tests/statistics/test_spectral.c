@@ -410,6 +410,67 @@ static void albedo_is_a_colour(void **state)
     test_scene_end(&scene);
 }
 
+static rgb_t mean_of(const estimate_image_t *image)
+{
+    size_t pixels = (size_t)(image->width * image->height);
+    double sum[3] = {0};
+    for (size_t i = 0; i < 3 * pixels; i++) sum[i % 3] += image->mean[i] / (double)pixels;
+    return vec3((float)sum[0], (float)sum[1], (float)sum[2]);
+}
+
+/* A body shows the colour of its material, though nearly nothing of its strongest channel is absorbed. */
+static void bodies_have_their_colours(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    bench_run(&bench,
+              "LookAt 0 0 -9 0 0 0 0 1 0\nCamera \"perspective\" \"float fov\" [4]\n"
+              "Film \"rgb\" \"integer xresolution\" [8] \"integer yresolution\" [8]\n"
+              "Integrator \"volpath\" \"integer maxdepth\" [50]\nWorldBegin\n"
+              "LightSource \"infinite\" \"rgb L\" [1 1 1]\n"
+              "Material \"subsurface\" \"rgb reflectance\" [0.8 0.3 0.1] \"rgb mfp\" [0.02 0.02 0.02]\n"
+              "Shape \"sphere\" \"float radius\" [1]\n");
+    if (bench.result.code != RESULT_OK) fail_msg("%s", bench.result.message);
+    estimate_image_t rgb = render(&bench.blob, INTEGRATOR_BDPT, 64, false),
+                     spectral = render(&bench.blob, INTEGRATOR_BDPT, 64, true);
+    rgb_t wanted = mean_of(&rgb), seen = mean_of(&spectral);
+    print_message("body: %.4f %.4f %.4f, in RGB %.4f %.4f %.4f\n", (double)seen.x, (double)seen.y,
+                  (double)seen.z, (double)wanted.x, (double)wanted.y, (double)wanted.z);
+    assert_true(worst_of(seen, wanted) < 0.06 * (double)wanted.x);
+    estimate_image_free(&rgb);
+    estimate_image_free(&spectral);
+    bench_close(&bench);
+}
+
+/* The camera stands in absorbing glass of index 1, in front of a white wall: light has the colour that it is
+ * to have after that distance. */
+static void glass_leaves_its_colour(void **state)
+{
+    (void)state;
+    const rgb_t colour = {0.9f, 0.3f, 0.1f};
+    const float distance = 2;
+    blob_material_t glass = {.kind = MATERIAL_GLTF}, black = {.kind = MATERIAL_DIFFUSE};
+    for (material_value_t v = 0; v < MATERIAL_VALUES; v++) glass.values[v] = blob_constant(0);
+    glass.values[VALUE_REFLECTANCE] = glass.values[VALUE_TRANSMISSION] = blob_constant(1);
+    glass.values[VALUE_ETA] = blob_constant(1);
+    glass.values[VALUE_ATTENUATION] = blob_colour_value(
+        vec3(-logf(colour.x) / distance, -logf(colour.y) / distance, -logf(colour.z) / distance));
+    glass.values[VALUE_THICKNESS] = blob_constant(distance);
+    test_scene_t scene = test_scene_begin(vec3(0, 0, 0), 1, 4);
+    uint32_t sheet = test_scene_material(&scene, glass), wall = test_scene_material(&scene, black);
+    test_scene_rectangle(&scene, vec3(-9, -9, 2), vec3(18, 0, 0), vec3(0, 18, 0), sheet, vec3(0, 0, 0));
+    test_scene_rectangle(&scene, vec3(-9, -9, 4), vec3(0, 18, 0), vec3(18, 0, 0), wall, vec3(1, 1, 1));
+    test_scene_finish(&scene);
+    for (int spectral = 0; spectral < 2; spectral++) {
+        estimate_image_t image = render(&scene.blob, INTEGRATOR_PATH, 512, spectral);
+        rgb_t seen = mean_of(&image);
+        print_message("through glass: %.4f %.4f %.4f\n", (double)seen.x, (double)seen.y, (double)seen.z);
+        assert_true(worst_of(seen, colour) < 0.01);
+        estimate_image_free(&image);
+    }
+    test_scene_end(&scene);
+}
+
 static int begin(void **state)
 {
     (void)state;
@@ -432,6 +493,7 @@ int main(void)
         cmocka_unit_test(glass_refracts_each_wavelength), cmocka_unit_test(abbe_numbers_hold),
         cmocka_unit_test(films_interfere_by_wavelength),  cmocka_unit_test(greys_agree_with_rgb),
         cmocka_unit_test(a_white_furnace_stays_white),    cmocka_unit_test(albedo_is_a_colour),
+        cmocka_unit_test(bodies_have_their_colours),      cmocka_unit_test(glass_leaves_its_colour),
     };
     return cmocka_run_group_tests(tests, begin, end);
 }

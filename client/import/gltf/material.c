@@ -222,7 +222,8 @@ static result_t scattering(maker_t *m, const item_t *extension, const double los
     medium.absorption = to_rgb(absorbed);
     medium.g = (float)g;
     if (v_is_zero(medium.scattering)) return result_ok();
-    m->record.values[VALUE_ATTENUATION] = blob_constant(0);
+    medium.is_of_colour = 1;
+    m->record.values[VALUE_ATTENUATION] = m->record.values[VALUE_THICKNESS] = blob_constant(0);
     m->record.body = 1 + blob_builder_add(m->document->builder->blob, BLOB_SECTION_MEDIA, &medium, 1);
     return result_ok();
 }
@@ -247,6 +248,7 @@ static result_t volume(maker_t *m)
     }
     for (int i = 0; i < 3; ++i) colour[i] = -log(fmax(colour[i], 1e-6)) / distance;
     m->record.values[VALUE_ATTENUATION] = blob_colour_value(to_rgb(colour));
+    if (distance < INFINITY) m->record.values[VALUE_THICKNESS] = blob_constant((float)distance);
     return scatter.json ? scattering(m, &scatter, colour) : result_ok();
 }
 

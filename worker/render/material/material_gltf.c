@@ -115,10 +115,23 @@ static void add_rest(const shading_t *shading, const lobe_kind_t *kind, rgb_t co
     lobe->schlick.factor = 1 / left;
 }
 
+/* What is absorbed so that white light has the given colour after the given way, at each wavelength. */
+static rgb_t absorption_of_colour(const shading_t *shading)
+{
+    rgb_t a = shading->material->values[VALUE_ATTENUATION].factor;
+    float d = shading->material->values[VALUE_THICKNESS].factor.x;
+    rgb_t left = waves_reflectance(shading->waves, vec3(expf(-a.x * d), expf(-a.y * d), expf(-a.z * d)));
+    const float least = 1e-6f;
+    return vec3(-logf(float_clamp(left.x, least, 1)) / d, -logf(float_clamp(left.y, least, 1)) / d,
+                -logf(float_clamp(left.z, least, 1)) / d);
+}
+
 /* Of a body that light enters. */
 static void add_absorption(const shading_t *shading)
 {
-    shading->bsdf->attenuation = shading_colour(shading, VALUE_ATTENUATION);
+    bool spectral = shading->waves != NULL && shading->material->values[VALUE_THICKNESS].factor.x > 0;
+    shading->bsdf->attenuation =
+        spectral ? absorption_of_colour(shading) : shading_colour(shading, VALUE_ATTENUATION);
     shading->bsdf->absorbs = !v_is_zero(shading->bsdf->attenuation);
 }
 

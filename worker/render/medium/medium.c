@@ -11,7 +11,8 @@ typedef struct {
     float most; /* of the extinction, by channel, over the density's bound */
     float mean; /* of the scattering */
     float g;
-    bool emits, is_body;
+    rgb_t shown; /* is_of_colour: about what it shows of white */
+    bool emits, is_body, is_of_colour;
     density_t *density; /* NULL: 1 everywhere */
     bool tinted;        /* the density has bounds alone; a place has the tints: */
     field_t absorption_tint, scattering_tint, emission_tint, temperature;
@@ -44,11 +45,25 @@ static density_t *bound_tints(const scene_blob_t *blob, const blob_medium_t *rec
     size_t count = (size_t)n[0] * n[1] * n[2];
     float *cells = mem_alloc(count * sizeof *cells);
     for (size_t i = 0; i < count; i++)
-        cells[i] = v_max(v_add(tint_cell(m->absorption, &m->absorption_tint, i),
-                               tint_cell(m->scattering, &m->scattering_tint, i)));
+        cells[i] = v_max(tint_cell(m->absorption, &m->absorption_tint, i)) +
+                   v_max(tint_cell(m->scattering, &m->scattering_tint, i)); /* also of their spectra's sum */
     density_t *density = density_of_cells(blob, box, cells);
     free(cells);
     return density;
+}
+
+/* What a half space of this albedo shows of white (van de Hulst 1980), */
+static float colour_of_albedo(float albedo, float g)
+{
+    float s = sqrtf((1 - albedo) / (1 - g * albedo));
+    return (1 - s) * (1 - 0.139f * s) / (1 + 1.17f * s);
+}
+
+/* and the albedo that shows it: that solved for s (Kulla and Conty 2017). */
+static float albedo_of_colour(float colour, float g)
+{
+    float s = 4.09712f + 4.20863f * colour - sqrtf(9.59217f + 41.6808f * colour + 17.7126f * colour * colour);
+    return float_clamp((1 - s * s) / (1 - g * s * s), 0, 1);
 }
 
 static void prepare(const scene_blob_t *blob, const blob_medium_t *record, matter_t *m)
@@ -60,6 +75,12 @@ static void prepare(const scene_blob_t *blob, const blob_medium_t *record, matte
     m->most = v_max(m->extinction);
     m->mean = v_dot(m->scattering, vec3(1, 1, 1)) / 3;
     m->g = record->g;
+    m->is_of_colour =
+        record->is_of_colour != 0 && m->extinction.x > 0 && m->extinction.y > 0 && m->extinction.z > 0;
+    if (m->is_of_colour)
+        m->shown = vec3(colour_of_albedo(m->scattering.x / m->extinction.x, m->g),
+                        colour_of_albedo(m->scattering.y / m->extinction.y, m->g),
+                        colour_of_albedo(m->scattering.z / m->extinction.z, m->g));
     m->emits = !v_is_zero(record->emission);
     m->absorption_tint = field_open(blob, record->absorption_tint);
     m->scattering_tint = field_open(blob, record->scattering_tint);
@@ -381,6 +402,19 @@ static rgb_t emit_in_grid(const matter_t *m, vec3_t from, vec3_t direction, floa
 
 /* ---- any ---------------------------------------------------------------------------------------------- */
 
+/* The coefficients that show a colour in the channels. Those of red, green and blue would not do: where
+ * nearly nothing is absorbed in one of them, their spectra have what others absorb there, and show far less.
+ */
+static void set_colour(matter_t *there, const matter_t *m, const waves_t *waves)
+{
+    rgb_t colour = waves_reflectance(waves, m->shown);
+    rgb_t albedo = vec3(albedo_of_colour(colour.x, m->g), albedo_of_colour(colour.y, m->g),
+                        albedo_of_colour(colour.z, m->g));
+    there->extinction = waves_coefficient(waves, m->extinction);
+    there->scattering = v_mul(there->extinction, albedo);
+    there->absorption = v_sub(there->extinction, there->scattering);
+}
+
 /* The medium, with what its colours are in the channels; `there` is room for it. */
 static const matter_t *matter_of(const media_t *media, blob_ref_t medium, const media_numbers_t *numbers,
                                  matter_t *there)
@@ -393,9 +427,13 @@ static const matter_t *matter_of(const media_t *media, blob_ref_t medium, const 
         there->most *= 2; /* which no wavelength of a colour exceeds */
         return there;
     }
-    there->scattering = waves_coefficient(numbers->waves, m->scattering);
-    there->absorption = waves_coefficient(numbers->waves, m->absorption);
-    there->extinction = v_add(there->absorption, there->scattering);
+    if (m->is_of_colour) {
+        set_colour(there, m, numbers->waves);
+    } else {
+        there->scattering = waves_coefficient(numbers->waves, m->scattering);
+        there->absorption = waves_coefficient(numbers->waves, m->absorption);
+        there->extinction = v_add(there->absorption, there->scattering);
+    }
     there->most = v_max(there->extinction);
     return there;
 }

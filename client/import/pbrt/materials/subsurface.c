@@ -89,6 +89,7 @@ static result_t set_colour(pbrt_t *p, params_t *params, position_t at, const blo
                         (float)half_space_albedo((double)most.y, g, eta),
                         (float)half_space_albedo((double)most.z, g, eta));
     rgb_t scattering = v_mul(albedo, loss);
+    p->body.is_of_colour = 1;
     return set_body(p, at, v_sub(loss, scattering), scattering);
 }
 
