@@ -151,6 +151,9 @@ static result_t spectrum_value(pbrt_t *p, const params_t *owner, const param_t *
     if (missing) return result_ok();
     TRY(read_spectrum(p, owner, item, name, &spectrum));
     value->factor = spectrum_colour(&spectrum, uses[use], rules_of(p));
+    /* A colour beyond sRGB is one within it, but the spectrum stays what it is. */
+    if (use == COLOUR_REFLECTANCE && p->dialect.dialect == DIALECT_V4)
+        value->factor = vec3(fminf(value->factor.x, 1), fminf(value->factor.y, 1), fminf(value->factor.z, 1));
     if (use == COLOUR_LIGHT)
         keep_emission(p, &spectrum, value);
     else

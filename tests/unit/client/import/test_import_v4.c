@@ -231,6 +231,23 @@ static void what_is_reflected_is_at_most_one(void **state)
     bench_close(&bench);
 }
 
+/* A spectrum may have a colour beyond sRGB: that is taken for 1, and the spectrum stays what it is. */
+static void a_spectrum_beyond_srgb_is_kept(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench,
+        POINT_LIGHT "Material \"diffuse\" \"spectrum reflectance\" [400 .05 520 .05 580 .9 700 .9]\n" SPHERE);
+    bench_expect_silence(&bench);
+    const blob_value_t *value = &material(&bench)->values[VALUE_REFLECTANCE];
+    assert_float_equal(value->factor.x, 1, 0);
+    float most = 0;
+    for (int i = 0; i < BLOB_SPECTRUM_SAMPLES; i++)
+        most = float_max(most, bench.blob.spectra[value->spectrum - 1].samples[i]);
+    assert_float_equal(most * v_max(value->factor), 0.9f, 1e-3f);
+    bench_close(&bench);
+}
+
 /* ---- names that come later ----------------------------------------------------------------------------- */
 
 static void names_may_come_later(void **state)
@@ -305,6 +322,7 @@ int main(void)
         cmocka_unit_test(the_crop_window_goes_before_pixel_bounds),
         cmocka_unit_test(height_on_a_cylinder_is_its_coordinate),
         cmocka_unit_test(what_is_reflected_is_at_most_one),
+        cmocka_unit_test(a_spectrum_beyond_srgb_is_kept),
         cmocka_unit_test(names_may_come_later),
         cmocka_unit_test(materials_keep_their_colour_space),
     };
