@@ -751,6 +751,21 @@ static int end(void **state)
     return 0;
 }
 
+/* So dense in one cell that tentative collisions in the empty ones beside it do not move a ray any more. */
+static void every_flight_ends(void **state)
+{
+    (void)state;
+    static const char text[] =
+        "LookAt 10 0.5 0.5  0 0.5 0.5  0 1 0\nCamera \"perspective\" \"float fov\" [5]\n"
+        "Film \"rgb\" \"integer xresolution\" [2] \"integer yresolution\" [2]\nWorldBegin\n"
+        "LightSource \"infinite\"\n"
+        "MakeNamedMedium \"c\" \"string type\" \"uniformgrid\" \"integer nx\" [4] \"integer ny\" [1] "
+        "\"integer nz\" [1] \"float density\" [1e9 0 0 0]\n"
+        "MediumInterface \"c\" \"\"\nMaterial \"interface\"\nShape \"sphere\" \"float radius\" [2]\n";
+    estimate_image_t image = render(text, INTEGRATOR_PATH, 1, 2);
+    estimate_image_free(&image);
+}
+
 int main(int argc, char **argv)
 {
     only_scene = argc > 1 ? argv[1] : NULL;
@@ -765,6 +780,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(phases_are_densities),
         cmocka_unit_test(integrators_agree),
         cmocka_unit_test(fog_in_a_body_has_all_its_light),
+        cmocka_unit_test(every_flight_ends),
     };
     return cmocka_run_group_tests(tests, begin, end);
 }

@@ -6,6 +6,9 @@
 #include <stdlib.h>
 
 enum { MOST_BLOCKS_ALONG = 64, LEAST_BLOCK = 2, SMALL = 64, CLOUD_LAYERS = 32 };
+/* Cubes of a small grid that a straight line meets; from so far away that it does not move it meets no more.
+ */
+enum { MOST_CUBES = 3 * (SMALL + 2) };
 
 struct density {
     field_t field;
@@ -227,7 +230,7 @@ static bool find_in_piece(const march_t *march, float begin, float end, float wa
         step[i] = direction[i] != 0 ? fabsf(1 / direction[i]) : INFINITY;
         next[i] = direction[i] != 0 ? begin + rest * step[i] : INFINITY;
     }
-    while (begin < end) {
+    for (int i = 0; begin < end && i < MOST_CUBES; i++) {
         int axis = next[0] <= next[1] ? (next[0] <= next[2] ? 0 : 2) : (next[1] <= next[2] ? 1 : 2);
         float leave = float_min(next[axis], end);
         if (leave > begin) {

@@ -246,6 +246,10 @@ static bool collides(float bound, float end, float *at, float *left)
     return false;
 }
 
+/* So many on one way that nothing is left of light, unless a medium is denser than 1e9 somewhere and empty
+ * beside that, where tentative collisions might never end: a ray does not move by so little. */
+enum { MOST_COLLISIONS = 1 << 17 };
+
 /* The coefficients at a place of a ray, over the bound on the extinction. */
 typedef struct {
     rgb_t scattering, extinction;
@@ -301,6 +305,7 @@ static bool scatter_in_grid(const matter_t *m, vec3_t from, vec3_t direction, fl
                             media_numbers_t *numbers, rgb_t *throughput, float *at)
 {
     march_t march;
+    int met = 0;
     float begin, end, most, free = next_collision(numbers);
     march_begin(&march, m->density, from, direction, distance);
     while (march_next(&march, &begin, &end, &most)) {
@@ -312,6 +317,7 @@ static bool scatter_in_grid(const matter_t *m, vec3_t from, vec3_t direction, fl
                 *at = t;
                 return true;
             }
+            if (++met > MOST_COLLISIONS) *throughput = vec3(0, 0, 0);
             if (v_is_zero(*throughput)) return false;
         }
     }
@@ -323,6 +329,7 @@ static rgb_t transmit_grid(const matter_t *m, vec3_t from, vec3_t direction, flo
 {
     const float faint = numbers->faint;
     march_t march;
+    int met = 0;
     float begin, end, most, free = next_collision(numbers);
     rgb_t left = {1, 1, 1};
     march_begin(&march, m->density, from, direction, distance);
@@ -332,6 +339,7 @@ static rgb_t transmit_grid(const matter_t *m, vec3_t from, vec3_t direction, flo
         for (float t = begin; collides(bound, end, &t, &free); free = next_collision(numbers)) {
             left = v_mul(left, rest_of(rates_at(m, &march, t, bound).extinction));
             float chance = v_max(left);
+            if (++met > MOST_COLLISIONS) return vec3(0, 0, 0);
             if (!(chance > 0)) return left;
             if (chance < faint) { /* Russian roulette */
                 if (!(next_number(numbers) < chance / faint)) return vec3(0, 0, 0);
@@ -381,6 +389,7 @@ static rgb_t emit_in_grid(const matter_t *m, vec3_t from, vec3_t direction, floa
 {
     const float looks = 8; /* on all of the way through the box */
     march_t march;
+    int met = 0;
     float first = numbers->first; /* is for the distance, which matters more */
     numbers->first = -1;
     float begin, end, most, free = next_collision(numbers);
@@ -392,6 +401,7 @@ static rgb_t emit_in_grid(const matter_t *m, vec3_t from, vec3_t direction, floa
         if (!(most > 0)) continue;
         for (float t = begin; collides(bound, end, &t, &free); free = next_collision(numbers)) {
             vec3_t point = v_add(from, v_scale(direction, t));
+            if (++met > MOST_COLLISIONS) break;
             sum = v_add(sum, v_mul(left, emission_at(m, &march, point, t, bound)));
             left = v_mul(left, rest_of(rates_at(m, &march, t, bound).extinction));
         }
