@@ -103,8 +103,9 @@ static void curve_details(const scene_blob_t *blob, const surface_t *surface, ve
     const float weights[4] = {-s * s, s * s - 2 * s * t, 2 * s * t - t * t, t * t};
     vec3_t along = vec3(0, 0, 0);
     for (int i = 0; i < 4; i++) along = v_mad(along, 3 * weights[i], vec3(c[i].x, c[i].y, c[i].z));
-    details->uv = details->uv2 = (vec2_t){((float)surface->primitive + t) / (float)curves->segment_count,
-                                          0.5f + 0.5f * surface->place.y};
+    /* Embree's v is from 0 to 1 across ribbons, from -1 to 1 across fibres, and 0 on tubes. */
+    float v = curves->kind == CURVES_RIBBON ? surface->place.y : 0.5f + 0.5f * surface->place.y;
+    details->uv = details->uv2 = (vec2_t){((float)surface->primitive + t) / (float)curves->segment_count, v};
     details->dpdu = v_scale(along, (float)curves->segment_count);
     details->dpdv = v_cross(ng, details->dpdu);
 }
