@@ -35,6 +35,13 @@ static const blob_material_t *choose_part(const shading_t *mix, rgb_t *scale)
     return shading.material;
 }
 
+static bool has_textures(const blob_material_t *material)
+{
+    for (int i = 0; i < MATERIAL_VALUES; i++)
+        if (material->values[i].texture != 0) return true;
+    return false;
+}
+
 void material_bsdf_of(const scene_t *scene, const surface_t *surface, const waves_t *waves, bsdf_t *bsdf)
 {
     texture_point_t at = {.p = surface->p, .n = surface->ns, .colour = {1, 1, 1, 1}};
@@ -48,7 +55,7 @@ void material_bsdf_of(const scene_t *scene, const surface_t *surface, const wave
         bsdf->s = surface->along;
         bsdf->t = v_cross(bsdf->ns, bsdf->s);
         at.uv = at.uv2 = (vec2_t){0, 0.5f + 0.5f * surface->place.y};
-        if (scene_material_varies(scene, surface->material)) {
+        if (has_textures(surface->material)) {
             surface_details_t details;
             scene_details(scene, surface, &details);
             at.uv = details.uv;

@@ -14,7 +14,7 @@ static bool material_varies(const bool *before, const blob_material_t *m)
 {
     if (m->kind == MATERIAL_MIX && (before[m->parts[0]] || before[m->parts[1]])) return true;
     bool varies = m->normal_map != 0 || m->coat_normal_map != 0 || m->bump != 0 ||
-                  m->kind == MATERIAL_DISNEY || m->kind == MATERIAL_MEASURED;
+                  m->kind == MATERIAL_DISNEY || m->kind == MATERIAL_MEASURED || m->kind == MATERIAL_HAIR;
     for (int i = 0; i < MATERIAL_VALUES; i++) varies = varies || m->values[i].texture != 0;
     return varies || m->values[VALUE_ROUGHNESS_U].factor.x != m->values[VALUE_ROUGHNESS_V].factor.x ||
            m->values[VALUE_BASE_ROUGHNESS_U].factor.x != m->values[VALUE_BASE_ROUGHNESS_V].factor.x ||
