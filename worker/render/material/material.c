@@ -15,6 +15,11 @@ static void shade(const shading_t *shading)
     if (material != NULL) material(shading);
 }
 
+static bool is_chosen(const blob_material_t *material)
+{
+    return material->kind == MATERIAL_MIX && (material->flags & MATERIAL_CHOSEN) != 0;
+}
+
 /* The part that a point of a mix has (MATERIAL_CHOSEN), and what it then counts. That of a part which is
  * such a mix is asked with what is left of the number. */
 static const blob_material_t *choose_part(const shading_t *mix, rgb_t *scale)
@@ -22,7 +27,7 @@ static const blob_material_t *choose_part(const shading_t *mix, rgb_t *scale)
     const blob_material_t *records = scene_blob(mix->scene)->materials;
     shading_t shading = *mix;
     float u = sampler_float((uint32_t)(shading_point_key(mix->at->p) >> 32));
-    while (shading.material->flags & MATERIAL_CHOSEN) {
+    while (is_chosen(shading.material)) {
         rgb_t amount = shading_colour(&shading, VALUE_AMOUNT);
         amount = vec3(float_min(amount.x, 1), float_min(amount.y, 1), float_min(amount.z, 1));
         rgb_t rest = v_sub(vec3(1, 1, 1), amount);
@@ -67,8 +72,7 @@ void material_bsdf_of(const scene_t *scene, const surface_t *surface, const wave
         at.uv = details.uv;
         at.uv2 = details.uv2;
         at.colour = details.colour;
-        if (shading.material->flags & MATERIAL_CHOSEN)
-            shading.material = choose_part(&shading, &shading.scale);
+        if (is_chosen(shading.material)) shading.material = choose_part(&shading, &shading.scale);
         shading_frame_turn(bsdf, scene, shading.material, &details, &at);
         if (shading.material->flags & MATERIAL_COAT_NORMAL)
             shading.coat_normal = shading_frame_coat(bsdf, scene, shading.material, &details, &at);
