@@ -37,6 +37,13 @@ static inline uint64_t sampler_mix(uint64_t x)
     return x ^ (x >> 31);
 }
 
+/* Mixes words into a key, one by one. */
+static inline uint64_t sampler_mix_words(uint64_t key, const uint32_t *words, int count)
+{
+    for (int i = 0; i < count; i++) key = sampler_mix(key + words[i] + 0x9E3779B97F4A7C15u);
+    return key;
+}
+
 static inline sampler_t sampler_new(sampler_kind_t kind, uint64_t seed, uint32_t pixel, uint32_t sample)
 {
     uint64_t sequence =

@@ -269,19 +269,16 @@ static char *other_text(const exr_attribute_t *attribute)
     return mem_printf("(%s)", attribute->type_name);
 }
 
-static void read_chromaticities(image_t *image, const exr_attribute_t *attribute)
+static void read_chromaticities(image_t *image, const exr_attr_chromaticities_t *c)
 {
-    const exr_attr_chromaticities_t *c = attribute->chromaticities;
     const float xy[4][2] = {
         {c->red_x, c->red_y}, {c->green_x, c->green_y}, {c->blue_x, c->blue_y}, {c->white_x, c->white_y}};
-    if (strcmp(attribute->name, "chromaticities") != 0) return;
     memcpy(image->chromaticities, xy, sizeof xy);
     image->has_chromaticities = true;
 }
 
 static void read_attribute(image_t *image, const exr_attribute_t *attribute)
 {
-    if (attribute->type == EXR_ATTR_CHROMATICITIES) read_chromaticities(image, attribute);
     switch (attribute->type) {
     case EXR_ATTR_CHLIST:
         return; /* known as channels already */
@@ -294,6 +291,10 @@ static void read_attribute(image_t *image, const exr_attribute_t *attribute)
     case EXR_ATTR_STRING:
         image_set_string(image, attribute->name, attribute->string->str);
         return;
+    case EXR_ATTR_CHROMATICITIES:
+        if (strcmp(attribute->name, "chromaticities") == 0)
+            read_chromaticities(image, attribute->chromaticities);
+        break;
     default:
         break;
     }

@@ -419,8 +419,8 @@ typedef enum {
                                       BASE_ROUGHNESS]; TINTED */
     MATERIAL_DIFFUSE_TRANSMISSION, /* [REFLECTANCE, TRANSMITTANCE] */
     MATERIAL_GLTF,                 /* [REFLECTANCE, METALLIC, ROUGHNESS_U, ETA, SPECULAR, SPECULAR_COLOUR,
-                                      CLEARCOAT, CLEARCOAT_ROUGHNESS, TRANSMISSION, ATTENUATION, after
-                                      THICKNESS leaving a given colour, SHEEN_COLOUR,
+                                      CLEARCOAT, CLEARCOAT_ROUGHNESS, TRANSMISSION, ATTENUATION,
+                                      THICKNESS after which that leaves a given colour, SHEEN_COLOUR,
                                       SHEEN_ROUGHNESS, ANISOTROPIC, ANISOTROPY_DIRECTION, ANISOTROPY_TURN,
                                       DIFFUSE_TRANSMISSION, TRANSMITTANCE, IRIDESCENCE, IRIDESCENCE_ETA,
                                       IRIDESCENCE_THICKNESS, DISPERSION]; THIN without a volume; COAT_NORMAL */

@@ -2,6 +2,7 @@
  * and appendix B; KHR_materials_*), and the specular-glossiness material that stands in its place.
  */
 #include "client/import/gltf/document.h"
+#include "common/colour/albedo.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -196,16 +197,8 @@ static result_t transmission(maker_t *m)
                         VALUE_TRANSMISSION);
 }
 
-/* The share of extinction that is scattering, for the colour that many scatterings make: the standard's fit
- * (Kulla and Conty 2017) for even scattering, and for other g the similar medium. */
-static double single_albedo(double colour, double g)
-{
-    double s = 4.09712 + 4.20863 * colour - sqrt(9.59217 + 41.6808 * colour + 17.7126 * colour * colour);
-    return colour > 0 ? fmin((1 - s * s) / (1 - g * s * s), 1) : 0; /* which the fit misses */
-}
-
-/* KHR_materials_volume_scatter: a part of what the volume absorbs it scatters. Then it is a medium, and not
- * Beer's law along segments. */
+/* KHR_materials_volume_scatter: a part of what the volume absorbs it scatters: that which shows a colour.
+ * Then it is a medium, and not Beer's law along segments. */
 static result_t scattering(maker_t *m, const item_t *extension, const double loss[3])
 {
     double colour[3] = {0, 0, 0}, g = 0;
@@ -214,7 +207,7 @@ static result_t scattering(maker_t *m, const item_t *extension, const double los
     TRY(item_number(extension, "scatterAnisotropy", -0.999, 0.999, &g));
     double scattered[3], absorbed[3];
     for (int i = 0; i < 3; ++i) {
-        double share = single_albedo(colour[i], g);
+        double share = albedo_of_colour(colour[i], g);
         scattered[i] = fmin(share * loss[i], 1e9);
         absorbed[i] = fmin((1 - share) * loss[i], 1e9);
     }

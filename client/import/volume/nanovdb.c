@@ -49,6 +49,7 @@ typedef uint32_t pnanovdb_grid_type_t;
 
 enum { TYPE = PNANOVDB_GRID_TYPE_FLOAT, SIDE = BLOB_BRICK_SIDE, BRICK = BLOB_BRICK_CELLS };
 enum { PENDING = 256, MOST_TILES = 1 << 16 };
+
 typedef struct {
     const char *path, *name;
     scene_builder_t *scene;

@@ -9,8 +9,7 @@ static media_numbers_t numbers_between(const sample_t *sample, vec3_t from, vec3
     uint32_t words[6];
     memcpy(words, &from, sizeof from);
     memcpy(words + 3, &to, sizeof to);
-    uint64_t key = sample->numbers.sample_key;
-    for (int i = 0; i < 6; i++) key = sampler_mix(key + words[i] + 0x9E3779B97F4A7C15u);
+    uint64_t key = sampler_mix_words(sample->numbers.sample_key, words, ARRAY_LENGTH(words));
     return (media_numbers_t){.first = -1, .key = key, .waves = sample->waves};
 }
 

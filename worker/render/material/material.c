@@ -28,8 +28,7 @@ static const blob_material_t *choose_part(const shading_t *mix, rgb_t *scale)
     shading_t shading = *mix;
     float u = sampler_float((uint32_t)(shading_point_key(mix->at->p) >> 32));
     while (is_chosen(shading.material)) {
-        rgb_t amount = shading_colour(&shading, VALUE_AMOUNT);
-        amount = vec3(float_min(amount.x, 1), float_min(amount.y, 1), float_min(amount.z, 1));
+        rgb_t amount = v_low(shading_colour(&shading, VALUE_AMOUNT), vec3(1, 1, 1));
         rgb_t rest = v_sub(vec3(1, 1, 1), amount);
         float chance = float_min(v_dot(amount, vec3(1, 1, 1)) / 3, 1);
         bool second = u < chance;
@@ -38,13 +37,6 @@ static const blob_material_t *choose_part(const shading_t *mix, rgb_t *scale)
         shading.material = &records[shading.material->parts[second]];
     }
     return shading.material;
-}
-
-static bool has_textures(const blob_material_t *material)
-{
-    for (int i = 0; i < MATERIAL_VALUES; i++)
-        if (material->values[i].texture != 0) return true;
-    return false;
 }
 
 void material_bsdf_of(const scene_t *scene, const surface_t *surface, const waves_t *waves, bsdf_t *bsdf)
@@ -60,7 +52,7 @@ void material_bsdf_of(const scene_t *scene, const surface_t *surface, const wave
         bsdf->s = surface->along;
         bsdf->t = v_cross(bsdf->ns, bsdf->s);
         at.uv = at.uv2 = (vec2_t){0, 0.5f + 0.5f * surface->place.y};
-        if (has_textures(surface->material)) {
+        if (scene_material_is_textured(scene, surface->material)) {
             surface_details_t details;
             scene_details(scene, surface, &details);
             at.uv = details.uv;

@@ -184,10 +184,8 @@ lobe_t *shading_add_reflection(const shading_t *shading, rgb_t r, float ior, con
 uint64_t shading_point_key(vec3_t p)
 {
     uint32_t words[3];
-    uint64_t key = 0;
     memcpy(words, &p, sizeof words);
-    for (int i = 0; i < 3; i++) key = sampler_mix(key + words[i] + 0x9E3779B97F4A7C15u);
-    return key;
+    return sampler_mix_words(0, words, ARRAY_LENGTH(words));
 }
 
 void shading_delegate(const shading_t *shading, uint32_t material, rgb_t scale)

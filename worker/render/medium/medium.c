@@ -2,6 +2,7 @@
 #include "worker/render/medium/medium.h"
 
 #include "common/base.h"
+#include "common/colour/albedo.h"
 #include "worker/render/medium/density.h"
 
 #include <stdlib.h>
@@ -52,18 +53,12 @@ static density_t *bound_tints(const scene_blob_t *blob, const blob_medium_t *rec
     return density;
 }
 
-/* What a half space of this albedo shows of white (van de Hulst 1980), */
-static float colour_of_albedo(float albedo, float g)
+/* Each channel's colour_of_albedo. */
+static rgb_t colour_of_albedos(rgb_t scattering, rgb_t extinction, double g)
 {
-    float s = sqrtf((1 - albedo) / (1 - g * albedo));
-    return (1 - s) * (1 - 0.139f * s) / (1 + 1.17f * s);
-}
-
-/* and the albedo that shows it: that solved for s (Kulla and Conty 2017). */
-static float albedo_of_colour(float colour, float g)
-{
-    float s = 4.09712f + 4.20863f * colour - sqrtf(9.59217f + 41.6808f * colour + 17.7126f * colour * colour);
-    return float_clamp((1 - s * s) / (1 - g * s * s), 0, 1);
+    return vec3((float)colour_of_albedo((double)(scattering.x / extinction.x), g),
+                (float)colour_of_albedo((double)(scattering.y / extinction.y), g),
+                (float)colour_of_albedo((double)(scattering.z / extinction.z), g));
 }
 
 static void prepare(const scene_blob_t *blob, const blob_medium_t *record, matter_t *m)
@@ -77,10 +72,7 @@ static void prepare(const scene_blob_t *blob, const blob_medium_t *record, matte
     m->g = record->g;
     m->is_of_colour =
         record->is_of_colour != 0 && m->extinction.x > 0 && m->extinction.y > 0 && m->extinction.z > 0;
-    if (m->is_of_colour)
-        m->shown = vec3(colour_of_albedo(m->scattering.x / m->extinction.x, m->g),
-                        colour_of_albedo(m->scattering.y / m->extinction.y, m->g),
-                        colour_of_albedo(m->scattering.z / m->extinction.z, m->g));
+    if (m->is_of_colour) m->shown = colour_of_albedos(m->scattering, m->extinction, (double)m->g);
     m->emits = !v_is_zero(record->emission);
     m->absorption_tint = field_open(blob, record->absorption_tint);
     m->scattering_tint = field_open(blob, record->scattering_tint);
@@ -418,8 +410,10 @@ static rgb_t emit_in_grid(const matter_t *m, vec3_t from, vec3_t direction, floa
 static void set_colour(matter_t *there, const matter_t *m, const waves_t *waves)
 {
     rgb_t colour = waves_reflectance(waves, m->shown);
-    rgb_t albedo = vec3(albedo_of_colour(colour.x, m->g), albedo_of_colour(colour.y, m->g),
-                        albedo_of_colour(colour.z, m->g));
+    double g = (double)m->g;
+    rgb_t albedo =
+        vec3((float)albedo_of_colour((double)colour.x, g), (float)albedo_of_colour((double)colour.y, g),
+             (float)albedo_of_colour((double)colour.z, g));
     there->extinction = waves_coefficient(waves, m->extinction);
     there->scattering = v_mul(there->extinction, albedo);
     there->absorption = v_sub(there->extinction, there->scattering);

@@ -9,13 +9,20 @@
 
 #define EMBREE_CONFIG "isa=avx2,threads=1,start_threads=0,set_affinity=0"
 
+static bool has_textures(const blob_material_t *m)
+{
+    for (int i = 0; i < MATERIAL_VALUES; i++)
+        if (m->values[i].texture != 0) return true;
+    return false;
+}
+
 /* Materials that look at more than the frame. */
 static bool material_varies(const bool *before, const blob_material_t *m)
 {
     if (m->kind == MATERIAL_MIX && (before[m->parts[0]] || before[m->parts[1]])) return true;
     bool varies = m->normal_map != 0 || m->coat_normal_map != 0 || m->bump != 0 ||
-                  m->kind == MATERIAL_DISNEY || m->kind == MATERIAL_MEASURED || m->kind == MATERIAL_HAIR;
-    for (int i = 0; i < MATERIAL_VALUES; i++) varies = varies || m->values[i].texture != 0;
+                  m->kind == MATERIAL_DISNEY || m->kind == MATERIAL_MEASURED || m->kind == MATERIAL_HAIR ||
+                  has_textures(m);
     return varies || m->values[VALUE_ROUGHNESS_U].factor.x != m->values[VALUE_ROUGHNESS_V].factor.x ||
            m->values[VALUE_BASE_ROUGHNESS_U].factor.x != m->values[VALUE_BASE_ROUGHNESS_V].factor.x ||
            m->values[VALUE_ANISOTROPIC].factor.x != 0;
@@ -27,8 +34,11 @@ static void prepare_tables(scene_t *scene)
     const uint64_t *counts = blob->counts;
     scene->textures = textures_new(blob);
     scene->varies = mem_zalloc(counts[BLOB_SECTION_MATERIALS] + 1, sizeof *scene->varies);
-    for (uint64_t i = 0; i < counts[BLOB_SECTION_MATERIALS]; i++)
+    scene->textured = mem_zalloc(counts[BLOB_SECTION_MATERIALS] + 1, sizeof *scene->textured);
+    for (uint64_t i = 0; i < counts[BLOB_SECTION_MATERIALS]; i++) {
         scene->varies[i] = material_varies(scene->varies, &blob->materials[i]);
+        scene->textured[i] = has_textures(&blob->materials[i]);
+    }
     scene->objects = mem_zalloc(counts[BLOB_SECTION_OBJECTS], sizeof *scene->objects);
     scene->geometries = mem_zalloc(counts[BLOB_SECTION_SHAPES] + 1, sizeof *scene->geometries);
     scene->quadrics = mem_zalloc(counts[BLOB_SECTION_QUADRICS] + 1, sizeof *scene->quadrics);
@@ -75,6 +85,7 @@ void scene_destroy(scene_t **scene)
     rtcReleaseDevice(self->device);
     textures_destroy(&self->textures);
     free(self->varies);
+    free(self->textured);
     free(self->objects);
     free(self->geometries);
     free(self->quadrics);
@@ -102,6 +113,11 @@ const quadric_t *scene_quadric(const scene_t *scene, const blob_shape_t *shape)
 bool scene_material_varies(const scene_t *scene, const blob_material_t *material)
 {
     return scene->varies[material - scene->blob->materials];
+}
+
+bool scene_material_is_textured(const scene_t *scene, const blob_material_t *material)
+{
+    return scene->textured[material - scene->blob->materials];
 }
 
 bool scene_moves(const scene_t *scene)

@@ -47,6 +47,8 @@ const scene_blob_t *scene_blob(const scene_t *scene);
 const textures_t *scene_textures(const scene_t *scene);
 /* True when the material looks at scene_details: textures, bumps, anisotropy. */
 bool scene_material_varies(const scene_t *scene, const blob_material_t *material);
+/* True when it has textures: all that hair looks at on a fibre. */
+bool scene_material_is_textured(const scene_t *scene, const blob_material_t *material);
 /* The quadric that a shape of that kind is, ready to use. */
 const quadric_t *scene_quadric(const scene_t *scene, const blob_shape_t *shape);
 /* A sphere about everything; radius 0 for an empty scene. */

@@ -16,9 +16,7 @@ static float hit_number(const hit_t *hit, uint32_t shape)
     words[6] = hit->primitive;
     words[7] = hit->instance_id;
     words[8] = shape;
-    uint64_t key = 0;
-    for (int i = 0; i < 9; i++) key = sampler_mix(key + words[i] + 0x9E3779B97F4A7C15u);
-    return sampler_float((uint32_t)key);
+    return sampler_float((uint32_t)sampler_mix_words(0, words, ARRAY_LENGTH(words)));
 }
 
 bool alpha_stops(const geometry_t *geometry, const hit_t *hit, bool shadow)

@@ -17,7 +17,7 @@ typedef struct {
 struct scene {
     const scene_blob_t *blob;
     textures_t *textures;
-    bool *varies; /* [materials] */
+    bool *varies, *textured; /* [materials] */
     RTCDevice device;
     RTCScene world;
     RTCScene *objects;       /* [objects]; objects[0] is the world */

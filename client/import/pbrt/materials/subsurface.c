@@ -82,7 +82,7 @@ static result_t set_colour(pbrt_t *p, params_t *params, position_t at, const blo
     TRY(even_value(p, params, "eta", at, &record->values[VALUE_ETA], &index));
     double eta = fmin(fmax((double)index.x, 0.1), 10), g = (double)p->body.g;
     if (!(least > 0)) return error_at(at, "the mean free path below this surface must be over 0");
-    most = vec3(fminf(most.x, 1), fminf(most.y, 1), fminf(most.z, 1));
+    most = v_low(most, vec3(1, 1, 1));
     if (colour->texture != 0) tint_surface(record, colour, most);
     rgb_t loss = vec3(1 / fmaxf(path.x, least), 1 / fmaxf(path.y, least), 1 / fmaxf(path.z, least));
     rgb_t albedo = vec3((float)half_space_albedo((double)most.x, g, eta),

@@ -153,7 +153,7 @@ static result_t spectrum_value(pbrt_t *p, const params_t *owner, const param_t *
     value->factor = spectrum_colour(&spectrum, uses[use], rules_of(p));
     /* A colour beyond sRGB is one within it, but the spectrum stays what it is. */
     if (use == COLOUR_REFLECTANCE && p->dialect.dialect == DIALECT_V4)
-        value->factor = vec3(fminf(value->factor.x, 1), fminf(value->factor.y, 1), fminf(value->factor.z, 1));
+        value->factor = v_low(value->factor, vec3(1, 1, 1));
     if (use == COLOUR_LIGHT)
         keep_emission(p, &spectrum, value);
     else
@@ -220,7 +220,7 @@ static result_t check_constant(pbrt_t *p, const char *name, position_t at, colou
         return error_at(at, "parameter \"%s\" must be a colour without negative components", name);
     if (use != COLOUR_REFLECTANCE || v_max(*value) <= 1) return result_ok();
     if (p->dialect.dialect == DIALECT_V4) {
-        *value = vec3(fminf(value->x, 1), fminf(value->y, 1), fminf(value->z, 1));
+        *value = v_low(*value, vec3(1, 1, 1));
         report_warning(p->report, at, "parameter \"%s\" is above 1 and taken for 1, as in pbrt-v4", name);
     } else {
         report_warning(p->report, at, "parameter \"%s\" is above 1: the surface makes light", name);
