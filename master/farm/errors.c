@@ -4,7 +4,7 @@
  * which is computed at fixed points only (jobs.c). So estimates may come at any time, and do not change what
  * is rendered.
  *
- * One looks at ESTIMATE_PIXELS of the film at most, which takes 30 to 45 ms of a core in a film of any size.
+ * One looks at ESTIMATE_PIXELS of the film at most, which takes some 10 ms of a core in a film of any size.
  * Merges of that film wait meanwhile, so the next one is made when the samples have grown
  * (error_history_wants), and not before ESTIMATE_REST times as long has passed: a hundredth of the time goes
  * into it at most. Where the whole film is looked at anyway (a round is planned, an image is made) the exact
@@ -18,7 +18,7 @@
 #include <string.h>
 
 enum {
-    ESTIMATE_PIXELS = 1 << 19,
+    ESTIMATE_PIXELS = 1 << 17,
     ESTIMATE_INTERVAL = 2, /* seconds between two of one job, at least, */
     ESTIMATE_REST = 100    /* and so many times what the last one took */
 };

@@ -3,13 +3,13 @@
  * DESIGN. A checkpoint is a snapshot (shared_film.h) written at leisure: merging and scheduling go on. What
  * it costs is measured, as time and as a share of the cores, and after it there is a pause of REST times as
  * much, in which only last checkpoints of jobs that end are written: so checkpoints take less than 2% of the
- * time. A master that has run for long is likely to run on: the pause grows to the time since its start, up
- * to LONG_REST times the cost. So a crash never costs more than half of what was rendered since then, a
- * master that crashes again and again gets on, and one that runs takes a quarter of a percent. Where that
- * pause would be too long (a large film, a busy machine, a slow disk), --checkpoint-max ends it: the next
- * checkpoint begins so early that it is on the disk before the samples of the last one are that old. It costs
- * more then, but never more than half of the time. A whole film is written each time: while a job is at work
- * each batch changes nearly every page, so that what did not change is not worth looking for.
+ * time. A master that has run for long is likely to run on: the pause grows to twice the time since its
+ * start, up to LONG_REST times the cost. So a crash never costs more than two thirds of what was rendered
+ * since then, a master that crashes again and again gets on, and one that runs takes a quarter of a percent.
+ * Where that pause would be too long (a large film, a busy machine, a slow disk), --checkpoint-max ends it:
+ * the next checkpoint begins so early that it is on the disk before the samples of the last one are that
+ * old. It costs more then, but never more than half of the time. A whole film is written each time: while a
+ * job is at work each batch changes nearly every page, so that what did not change is not worth looking for.
  *
  * When the disk is full, nothing is lost: the films stay in memory and merging goes on. Films of jobs that
  * are over and not retained make room, oldest first. Where that is not enough, checkpoints pause, with a
@@ -36,7 +36,7 @@
 
 enum {
     REST = 49,       /* times the cost of a checkpoint: 1 / 50 of the time is spent on it; */
-    LONG_REST = 399, /* or 1 / 400, when the master has run for that time */
+    LONG_REST = 399, /* or 1 / 400, when the master has run for half of that time */
     MARGIN = 2,      /* a checkpoint may take so many times what the last one took, and be there in time; */
     THIN = 8,        /* or so many, while most of the film was empty then */
     MAX_DOUBLINGS = 3,
@@ -312,7 +312,8 @@ static void rest(checkpointer_t *checkpointer, double seconds, const checkpoint_
 {
     double now = clock_now();
     double spent = fmax(seconds, cost->cpu / checkpointer->cores);
-    checkpointer->not_before = now + fmax(REST * spent, fmin(LONG_REST * spent, now - checkpointer->started));
+    checkpointer->not_before =
+        now + fmax(REST * spent, fmin(LONG_REST * spent, 2 * (now - checkpointer->started)));
     checkpointer->busy_until = now + seconds;
 }
 
