@@ -282,6 +282,8 @@ hash_t job_content_hash(const job_settings_t *settings, const hash_t *blob)
     if (settings->cryptomatte)
         length += snprintf(text + length, sizeof text - (size_t)length, " cryptomatte");
     if (settings->learn) length += snprintf(text + length, sizeof text - (size_t)length, " learn");
+    if (settings->learn && settings->adaptive) /* that has other passes */
+        length += snprintf(text + length, sizeof text - (size_t)length, " adaptive");
     if (settings->light_groups[0] != '\0')
         length += snprintf(text + length, sizeof text - (size_t)length, " groups %s", settings->light_groups);
     if (settings->merge_radius > 0)

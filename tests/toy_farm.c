@@ -50,7 +50,7 @@ farm_t *toy_verifying_farm(const char *spool_dir)
 
 farm_t *toy_quota_farm(const char *spool_dir, uint64_t quota)
 {
-    return make_farm(true, false, spool_dir, quota, FILMS);
+    return make_farm(true, false, spool_dir, quota, ROOMY);
 }
 
 farm_t *toy_telling_farm(void)

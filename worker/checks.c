@@ -15,7 +15,8 @@ static void check_free(unit_check_t *check)
     free(check);
 }
 
-void checks_push(checks_t *checks, uint64_t number, unit_t *units, const uint64_t *macs, size_t count)
+void checks_push(checks_t *checks, const job_settings_t *settings, uint64_t number, unit_t *units,
+                 const uint64_t *macs, size_t count)
 {
     if (checks->count == CHECKS_MAX || count == 0) {
         free(units);
@@ -31,6 +32,7 @@ void checks_push(checks_t *checks, uint64_t number, unit_t *units, const uint64_
     check->macs = macs;
     check->count = count;
     check->results = mem_zalloc(count, sizeof *check->results);
+    batch_init(&check->batch, settings);
     checks->list[checks->count++] = check;
 }
 
@@ -52,6 +54,7 @@ void checks_finish(checks_t *checks, unit_check_t *check, size_t unit, unit_resu
 {
     check->rendering--;
     if (result != NULL) {
+        batch_take_lessons(&check->batch, result); /* a megabyte, which tiles wait without */
         check->results[unit] = *result;
         *result = (unit_result_t){0};
         check->done++;
@@ -61,9 +64,8 @@ void checks_finish(checks_t *checks, unit_check_t *check, size_t unit, unit_resu
     checks_sweep(checks);
 }
 
-void checks_close(unit_check_t *check, const job_settings_t *settings)
+void checks_close(unit_check_t *check)
 {
-    batch_init(&check->batch, settings);
     for (size_t i = 0; i < check->count; i++) {
         batch_add(&check->batch, &check->results[i]);
         unit_result_free(&check->results[i]);

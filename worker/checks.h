@@ -22,7 +22,7 @@ typedef struct {
     size_t done;            /* and are finished */
     bool under_way;         /* the batch is closed and being sent: nobody else touches it */
     bool dropped;           /* nobody wants it: it goes when nothing of it is rendering or under way */
-    batch_t batch;          /* made by checks_close */
+    batch_t batch;          /* lessons of what is finished; the rest comes by checks_close */
 } unit_check_t;
 
 /* Zeroed to begin with, freed when all were dropped and swept. */
@@ -31,9 +31,10 @@ typedef struct {
     size_t count, capacity;
 } checks_t;
 
-/* Adds a check; the units, with their MACs, are taken over. Beyond CHECKS_MAX, which only a master reaches
- * that gives without being asked, it is dropped. */
-void checks_push(checks_t *checks, uint64_t number, unit_t *units, const uint64_t *macs, size_t count);
+/* Adds a check of units of a job with these settings; the units, with their MACs, are taken over. Beyond
+ * CHECKS_MAX, which only a master reaches that gives without being asked, it is dropped. */
+void checks_push(checks_t *checks, const job_settings_t *settings, uint64_t number, unit_t *units,
+                 const uint64_t *macs, size_t count);
 /* The one to take the next unit of (units[begun]); NULL when there is none. */
 unit_check_t *checks_next(const checks_t *checks);
 /* A unit of the check was finished. Its result's memory is taken over; NULL: the unit was given up, and the
@@ -44,7 +45,7 @@ unit_check_t *checks_complete(const checks_t *checks);
 /* The complete one that bears a number; NULL when there is none. */
 unit_check_t *checks_find(const checks_t *checks, uint64_t number);
 /* Makes the batch of a complete one, which is under way from now on. */
-void checks_close(unit_check_t *check, const job_settings_t *settings);
+void checks_close(unit_check_t *check);
 /* Bytes that the batch of a complete one will take. */
 uint64_t checks_bytes(const unit_check_t *check, const job_settings_t *settings);
 /* Units in all that are wanted. */

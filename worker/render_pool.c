@@ -267,8 +267,8 @@ static void queue_units(render_pool_t *pool, const assignment_t *assignment)
     for (uint32_t pass = 0; pass < LEARNING_PASSES; pass++)
         if (!hash_is_zero(&assignment->plans[pass])) pool->current.plans[pass] = assignment->plans[pass];
     if (assignment->check != 0) {
-        checks_push(&pool->checks, assignment->check, assignment->units, assignment->macs,
-                    assignment->unit_count);
+        checks_push(&pool->checks, &assignment->settings, assignment->check, assignment->units,
+                    assignment->macs, assignment->unit_count);
         return;
     }
     size_t count;

@@ -294,7 +294,7 @@ closed_batch_t render_pool_close(void *self, const offer_t *offer)
                   (!pool->over || (pool->flush && offer->check == 0));
     unit_check_t *check = wanted && offer->check != 0 ? checks_find(&pool->checks, offer->check) : NULL;
     if (check != NULL) {
-        checks_close(check, &pool->current.settings);
+        checks_close(check);
         closed.batch = &check->batch;
     } else if (wanted && offer->check == 0) {
         closed.batch = close_open(pool);

@@ -227,6 +227,14 @@ static void append_sums(sum_array_t *sums, const sum_array_t *more)
     sums->count = count;
 }
 
+void batch_take_lessons(batch_t *batch, unit_result_t *result)
+{
+    add_lessons(batch, result);
+    memset(result->taught, 0, sizeof result->taught);
+    free(result->lessons);
+    result->lessons = NULL;
+}
+
 void batch_add(batch_t *batch, const unit_result_t *result)
 {
     append_units(batch, &result->unit, 1);

@@ -4,7 +4,8 @@
  * its sums. So a plan takes no memory of its own but its hash: what somebody fetches of it is added up then.
  * When a pass is about to open, the lessons of those that make its plan are settled: from then on nothing is
  * added to them or taken out of them, whatever becomes of the samples that they come from. So the plan stays
- * what it was, as long as the job lives, and is read without a lock.
+ * what it was, as long as the job lives, and is read without a lock. A pass does not open before what is known
+ * to be wrong has been taken out.
  *
  * A checkpoint has the film, and how many passes are settled. So after a restart the plans are there again,
  * with the same hashes.
@@ -31,6 +32,12 @@ static hash_t content_of(const job_t *job)
     return job_content_hash(&job->kept.settings, &job->kept.blob);
 }
 
+/* The pass that may open now; 0: none. */
+static uint32_t next_pass(const job_t *job)
+{
+    return job->film == FILM_OPEN && !trust_wrong(job) ? schedule_next_pass(job->schedule) : 0;
+}
+
 /* Called and left with the lock held, which is let go meanwhile. */
 static void open_pass(farm_t *farm, job_t *job)
 {
@@ -40,7 +47,7 @@ static void open_pass(farm_t *farm, job_t *job)
     farm_unlock(farm);
     shared_film_lock(shared_film);
     farm_lock(farm);
-    uint32_t pass = job->film == FILM_OPEN ? schedule_next_pass(job->schedule) : 0;
+    uint32_t pass = next_pass(job);
     if (pass > 0) {
         schedule_teach(job->schedule);
         shared_film_settle(shared_film, learning_teachers(pass));
@@ -63,8 +70,7 @@ static void open_pass(farm_t *farm, job_t *job)
 
 void farm_job_open_passes(farm_t *farm, job_t *job)
 {
-    while (job->film == FILM_OPEN && !job->teaching && schedule_next_pass(job->schedule) > 0)
-        open_pass(farm, job);
+    while (!job->teaching && next_pass(job) > 0) open_pass(farm, job);
 }
 
 void plans_of_film(const film_t *film, const hash_t *blob, hash_t plans[LEARNING_PASSES])

@@ -1,5 +1,6 @@
 /* schedule_save: writes a schedule as a checkpoint keeps it, and reads it back (schedule.h, "accounts and
  * checkpoints"). The file may be damaged or forged, so everything in it is checked before it is used. */
+#include "common/film/film_sums.h"
 #include "master/schedule/schedule_state.h"
 
 #include <stdlib.h>
@@ -138,9 +139,9 @@ static result_t check_account(const job_settings_t *settings, const schedule_sta
 
 static result_t check_settled(const job_settings_t *settings, const schedule_state_t *state)
 {
-    uint32_t most = job_learns(settings) ? learning_taught(settings) : 0;
+    size_t most = sum_planes(settings, SUM_LESSONS);
     if (state->settled <= most) return result_ok();
-    return result_fail(RESULT_INPUT, "the lessons of %u passes are settled, at most %u are noted",
+    return result_fail(RESULT_INPUT, "the lessons of %u passes are settled, at most %zu are noted",
                        state->settled, most);
 }
 

@@ -59,6 +59,8 @@ static result_t use_head(checkpoint_t *c, const Lm__FilmHead *head)
         return damaged(c, "its schedule has another number of tiles than its job");
     if (head->counted > most || head->skipped > most || !(head->written >= 0))
         return damaged(c, "its head has numbers that cannot be");
+    if (head->settled > sum_planes(settings, SUM_LESSONS))
+        return damaged(c, "it has settled more lessons than its job notes");
     c->info.generation = head->generation;
     c->info.written = head->written;
     c->info.samples = head->samples;

@@ -5,6 +5,7 @@
 #include "tests/films.h"
 #include "tests/reference.h"
 #include "tests/render_here.h"
+#include "tests/scratch.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -253,6 +254,58 @@ static void all_tiles_bring_light(void **state)
     test_scene_end(&scene);
 }
 
+/* What is splatted by a unit of one tile of all, of a pass that goes by the plan which a job made. */
+static size_t splats_of_pass(const scene_blob_t *blob, const job_settings_t *settings, uint32_t pass,
+                             const int64_t *lessons)
+{
+    renderer_t *renderer;
+    unit_result_t result = {0};
+    atomic_bool cancel = false;
+    unit_t unit = {0, learning_pass_begin(settings, pass), 2};
+    assert_int_equal(renderer_new(blob, settings, &renderer).code, RESULT_OK);
+    plan_here(renderer, settings, pass, lessons);
+    assert_true(renderer_unit(renderer, &unit, &result, &cancel));
+    size_t count = result.splat_count;
+    unit_result_free(&result);
+    renderer_destroy(&renderer);
+    return count;
+}
+
+/* A spot behind a ball of glass, and nothing else lit: no eye subpath sees a thing, so that they teach
+ * nothing of how bright the picture is. Light subpaths must not get rare for that. */
+static void what_only_light_subpaths_find_is_learned(void **state)
+{
+    (void)state;
+    static const char text[] =
+        "LookAt 0 3 -5  0 0 0  0 1 0\nCamera \"perspective\" \"float fov\" [40]\n"
+        "Film \"image\" \"integer xresolution\" [32] \"integer yresolution\" [32]\n"
+        "Sampler \"sobol\" \"integer pixelsamples\" [32]\nIntegrator \"bdpt\"\nWorldBegin\n"
+        "LightSource \"spot\" \"point from\" [0 4 0] \"point to\" [0 0 0] \"float coneangle\" [12]\n"
+        "Material \"matte\"\nShape \"trianglemesh\" \"integer indices\" [0 1 2 0 2 3]"
+        " \"point P\" [-4 0 -4  4 0 -4  4 0 4  -4 0 4]\n"
+        "Material \"glass\"\nTranslate 0 2.6 0\nShape \"sphere\" \"float radius\" [0.8]\nWorldEnd\n";
+    char *folder = scratch_new(), *path = scratch_path(folder, "spot.pbrt");
+    scratch_write(path, text, sizeof text - 1);
+    uint8_t *bytes;
+    uint64_t size;
+    scene_blob_t blob;
+    batch_t batch;
+    assert_int_equal(import_scene_blob(path, NULL, &bytes, &size).code, RESULT_OK);
+    assert_int_equal(blob_open(bytes, size, &blob).code, RESULT_OK);
+    job_settings_t settings = blob_default_settings(&blob);
+    settings.tile_size = 32;
+    render_batch_here(&blob, &settings, &batch);
+    const int64_t *lessons = batch_frame(&batch, SUM_LESSONS);
+    size_t first = splats_of_pass(&blob, &settings, 0, lessons),
+           planned = splats_of_pass(&blob, &settings, 4, lessons);
+    print_message("%zu splats of two samples before there are plans, %zu with one\n", first, planned);
+    assert_true(2 * planned > first);
+    batch_free(&batch);
+    free(bytes);
+    free(path);
+    scratch_destroy(&folder);
+}
+
 /* A ball in front of nothing: the noise is in a part of the image. */
 static void adaptive_images_are_better(void **state)
 {
@@ -327,6 +380,7 @@ int main(int argc, char **argv)
                                        cmocka_unit_test(adaptive_images_are_right_on_average),
                                        cmocka_unit_test(images_that_learn_are_right_on_average),
                                        cmocka_unit_test(all_tiles_bring_light),
+        cmocka_unit_test(what_only_light_subpaths_find_is_learned),
                                        cmocka_unit_test(adaptive_images_are_better),
                                        cmocka_unit_test(planned_images_are_reproducible)};
     return cmocka_run_group_tests_name("convergence", tests, NULL, NULL);

@@ -236,6 +236,22 @@ static job_settings_t strategy_of(int s, int t, int max_depth)
     return settings;
 }
 
+/* Jobs whose samples are not the same have other hashes: nobody takes one for the other. */
+static void the_content_has_what_samples_depend_on(void **state)
+{
+    (void)state;
+    const hash_t blob = {{1}};
+    job_settings_t plain = job_settings_default();
+    plain.learn = false;
+    job_settings_t adaptive = plain, learning = plain, both = plain;
+    adaptive.adaptive = both.adaptive = learning.learn = both.learn = true;
+    hash_t hash = job_content_hash(&plain, &blob), learned = job_content_hash(&learning, &blob);
+    hash_t passes = job_content_hash(&both, &blob), same = job_content_hash(&adaptive, &blob);
+    assert_true(hash_equal(&hash, &same));
+    assert_false(hash_equal(&hash, &learned));
+    assert_false(hash_equal(&learned, &passes)); /* which are others */
+}
+
 static void strategies_are_checked(void **state)
 {
     (void)state;
@@ -314,7 +330,8 @@ int main(void)
                                        cmocka_unit_test(the_samples_of_a_job_are_known_unless_time_ends_it),
                                        cmocka_unit_test(halves_count_even_and_odd_samples),
                                        cmocka_unit_test(settings_are_checked),
-                                       cmocka_unit_test(strategies_are_checked),
+                                       cmocka_unit_test(the_content_has_what_samples_depend_on),
+        cmocka_unit_test(strategies_are_checked),
                                        cmocka_unit_test(milestones_are_checked),
                                        cmocka_unit_test(every_kind_has_its_name)};
     return cmocka_run_group_tests_name("job", tests, NULL, NULL);

@@ -275,6 +275,28 @@ static void a_long_schedule_comes_back(void **state)
     scratch_destroy(&folder);
 }
 
+/* Plans are made of lessons that are settled: a job has no more than it notes. */
+static void lessons_that_cannot_be_are_not_settled(void **state)
+{
+    (void)state;
+    char *folder = scratch_new(), *path = scratch_path(folder, "film");
+    for (int learns = 0; learns < 2; learns++) {
+        job_settings_t settings = settings_of(40, 40);
+        settings.learn = learns;
+        job_film_t film = make_film(&settings, 1);
+        schedule_state_t saved, found;
+        film_t *loaded = NULL;
+        schedule_save(film.schedule, &saved);
+        saved.settled = learns ? learning_taught(&settings) + 1 : 1;
+        must(write_state(&film, path, 1, &saved));
+        assert_int_equal(read_film(path, &settings, &loaded, &found).code, RESULT_INPUT);
+        schedule_state_free(&saved);
+        free_film(&film);
+    }
+    free(path);
+    scratch_destroy(&folder);
+}
+
 static void it_knows_all_of_its_job(void **state)
 {
     (void)state;
@@ -612,6 +634,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(what_is_written_comes_back),
         cmocka_unit_test(a_long_schedule_comes_back),
+        cmocka_unit_test(lessons_that_cannot_be_are_not_settled),
         cmocka_unit_test(it_knows_all_of_its_job),
         cmocka_unit_test(it_belongs_to_its_picture),
         cmocka_unit_test(it_belongs_to_its_sums),

@@ -404,6 +404,38 @@ static void somebody_is_taken_out(void **state)
     }
 }
 
+/* Takes and delivers all that there is; returns where its last sample ends. */
+static uint32_t work_off(farm_t *farm, uint64_t worker)
+{
+    uint32_t end = 0;
+    for (toy_work_t work; (work = toy_take(farm, 1, worker, 1 << 9, 1 << 9)).job != 0;) {
+        for (size_t i = 0; i < work.count; i++)
+            if (work.units[i].first + work.units[i].count > end)
+                end = work.units[i].first + work.units[i].count;
+        assert_int_equal(toy_deliver_work(farm, 1, worker, &work, 0).code, RESULT_OK);
+    }
+    return end;
+}
+
+/* Nothing is learned from what is known to be wrong, not even until it is out. */
+static void a_plan_waits_for_what_goes_out(void **state)
+{
+    (void)state;
+    trial_t trial = {.folder = scratch_new(), .now = 1};
+    farm_t *farm = trial.farm = toy_verifying_farm(trial.folder);
+    job_settings_t wanted = settings();
+    wanted.learn = true;
+    trial.job = toy_submit_on(farm, 1, &wanted, &(job_terms_t){.name = "trial", .verify = 1e-6});
+    uint64_t liar = toy_join(farm, 1, "liar", 1, 0), honest = toy_join(farm, 1, "honest", 1, 0);
+    toy_work_t lie = toy_take(farm, 1, liar, 1 << 9, 1 << 9);
+    assert_int_equal(toy_deliver_work(farm, 1, liar, &lie, 77).code, RESULT_OK);
+    assert_int_equal(take_out(&trial, trial.job, "liar").code, RESULT_OK);
+    assert_int_equal(work_off(farm, honest), learning_pass_begin(&wanted, 2)); /* which waits for a plan */
+    farm_settle(farm);
+    assert_int_equal(work_off(farm, honest), wanted.spp);
+    end(&trial);
+}
+
 static void a_job_without_evidence_says_so(void **state)
 {
     (void)state;
@@ -1096,6 +1128,7 @@ int main(void)
         cmocka_unit_test(one_wrong_unit_is_found_by_chance),
         cmocka_unit_test(trust_is_earned),
         cmocka_unit_test(somebody_is_taken_out),
+        cmocka_unit_test(a_plan_waits_for_what_goes_out),
         cmocka_unit_test(a_job_without_evidence_says_so),
         cmocka_unit_test(everything_is_kept),
         cmocka_unit_test(the_evidence_has_a_quota),

@@ -4,6 +4,7 @@
 #include "proto/wire/wire.h"
 #include "tests/films.h"
 #include "tests/render_here.h"
+#include "worker/checks.h"
 #include "worker/render_pool.h"
 
 #include <setjmp.h>
@@ -310,6 +311,42 @@ static void samples_in_hand_are_not_rendered_again(void **state)
     assert_int_equal(samples_of(closed.batch, 3), 6);
     assert_renders(b, closed.batch);
     sent(b, &closed);
+}
+
+/* What waits for the rest of its check has no lessons of its own: those would be a megabyte a unit. */
+static void a_check_keeps_lessons_once(void **state)
+{
+    bench_t *b = *state;
+    enum { UNITS = 3 };
+    checks_t checks = {0};
+    unit_t *units = mem_zalloc(UNITS, sizeof *units);
+    job_settings_t settings = b->settings;
+    batch_t plain;
+    settings.learn = true;
+    batch_init(&plain, &settings);
+    for (uint32_t i = 0; i < UNITS; i++) units[i] = (unit_t){i, 0, 2};
+    checks_push(&checks, &settings, 1, units, NULL, UNITS);
+    for (size_t i = UNITS; i-- > 0;) { /* in another order */
+        unit_check_t *check = checks_next(&checks);
+        check->begun++;
+        check->rendering++;
+        for (int twice = 0; twice < 2; twice++) {
+            unit_result_t result = {0};
+            unit_result_reset(&result, &settings, &units[i]);
+            for (size_t place = 0; place < 5; place++) unit_result_teach(&result, place, i + place);
+            if (twice == 0) checks_finish(&checks, check, i, &result);
+            if (twice == 1) batch_add(&plain, &result);
+            unit_result_free(&result);
+        }
+        assert_null(check->results[i].lessons);
+    }
+    unit_check_t *check = checks_complete(&checks);
+    checks_close(check);
+    assert_memory_equal(batch_frame(&check->batch, SUM_LESSONS), batch_frame(&plain, SUM_LESSONS),
+                        LEARNING_PLACES * sizeof(int64_t));
+    check->under_way = false;
+    checks_drop(&checks, true);
+    batch_free(&plain);
 }
 
 static void a_check_makes_a_batch_of_its_own(void **state)
@@ -836,6 +873,7 @@ int main(void)
         WITH_FIXTURE(an_offered_batch_grows_until_it_is_closed),
         WITH_FIXTURE(a_batch_waits_for_nothing_when_nothing_comes),
         WITH_FIXTURE(samples_in_hand_are_not_rendered_again),
+        WITH_FIXTURE(a_check_keeps_lessons_once),
         WITH_FIXTURE(a_check_makes_a_batch_of_its_own),
         WITH_FIXTURE(a_check_can_be_the_first_assignment),
         WITH_FIXTURE(a_forgotten_worker_keeps_what_was_begun),

@@ -119,12 +119,14 @@ static void look_for_caustics(looks_t *looks, const integrator_ops_t *integrator
 }
 
 /* The mean of what was seen in the parts; each sight counts up to a bound, since one that is far brighter
- * than the rest would say it of its whole part. */
+ * than the rest would say it of its whole part. Where no eye subpath sees a thing (a spot behind glass, with
+ * nothing else lit) the splats say what is typical. */
 static void sum_up(const looks_t *looks, float *inverse)
 {
     float roots = 0, sums[PARTS] = {0}, counts[PARTS] = {0};
     for (uint32_t i = 0; i < looks->count; i++) roots += sqrtf(looks->eye[i].value);
     float typical = (roots / (float)looks->count) * (roots / (float)looks->count);
+    for (size_t i = 0; i < looks->splat_count && roots == 0; i++) typical += looks->splats[i].value / PARTS;
     for (uint32_t i = 0; i < looks->count; i++) {
         sums[looks->eye[i].part] += float_min(looks->eye[i].value, 32 * typical);
         counts[looks->eye[i].part]++;
