@@ -235,6 +235,8 @@ static inline float walk_density(const walk_t *walk, const vertex_t *vertex, flo
     *distance2 = 1;
     if (vertex->kind == VERTEX_SKY) return walk->pdf;
     if (!walk->parallel) *distance2 = v_length2(v_sub(vertex_point(vertex), walk->point));
+    if (walk->medium.number != 0) /* where light goes less far than floats can tell, and yet goes on */
+        *distance2 = float_max(*distance2, float_max(0x1p-54f, 0x1p-48f * v_length2(walk->point)));
     return walk->pdf * walk->fade * vertex_area_cosine(vertex, walk->direction) / *distance2;
 }
 

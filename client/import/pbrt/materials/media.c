@@ -305,28 +305,30 @@ static result_t place_camera(pbrt_t *p, position_t at)
     return find(p, p->camera_medium, &p->scene.medium);
 }
 
-/* Whether no shape that lets light through says where a medium ends. */
+/* Whether no shape that lets light through says that there is empty space beyond a medium. */
 static bool is_open(const pbrt_t *p, blob_ref_t medium)
 {
     const blob_material_t *materials = blob_builder_records(p->builder->blob, BLOB_SECTION_MATERIALS);
     for (uint32_t object = 0; object < p->builder->object_count; ++object) {
         size_t count;
         const blob_shape_t *shapes = scene_shapes(p->builder, object, &count);
-        for (size_t i = 0; i < count; ++i)
-            if (materials[shapes[i].material].kind == MATERIAL_INTERFACE &&
-                (shapes[i].media[0] == medium || shapes[i].media[1] == medium))
-                return false;
+        for (size_t i = 0; i < count; ++i) {
+            const blob_ref_t *media = shapes[i].media;
+            bool ends = (media[0] == medium && media[1] == 0) || (media[0] == 0 && media[1] == medium);
+            if (materials[shapes[i].material].kind == MATERIAL_INTERFACE && ends) return false;
+        }
     }
     return true;
 }
 
-/* Puts an interface around a grid: the faces of its box. Light from infinity gets in there, which would start
- * beside the grid otherwise. */
+/* Puts an interface around a grid: the faces of its box, a little larger, since a room that it fills has its
+ * walls there. Light from infinity gets in, which would start beside the grid otherwise. */
 static result_t enclose(pbrt_t *p, blob_ref_t medium, const blob_field_t *field, position_t at)
 {
     static const blob_triangle_t faces[12] = {{{0, 2, 1}}, {{1, 2, 3}}, {{4, 5, 6}}, {{5, 7, 6}},
                                               {{0, 1, 4}}, {{1, 5, 4}}, {{2, 6, 3}}, {{3, 6, 7}},
                                               {{0, 4, 2}}, {{2, 4, 6}}, {{1, 3, 5}}, {{3, 7, 5}}};
+    static const float face[2] = {-0.0005f, 1.0005f};
     affine_t world_from_box;
     for (size_t i = 0; i < 12; ++i) world_from_box.m[i / 4][i % 4] = field->world_from_field.m[i / 4][i % 4];
     mesh_t mesh = {.vertex_count = 8, .triangle_count = ARRAY_LENGTH(faces)};
@@ -334,7 +336,7 @@ static result_t enclose(pbrt_t *p, blob_ref_t medium, const blob_field_t *field,
     mesh.triangles = mem_alloc(sizeof faces);
     memcpy(mesh.triangles, faces, sizeof faces);
     for (int i = 0; i < 8; ++i)
-        mesh.positions[i] = vec3((float)(i & 1), (float)(i >> 1 & 1), (float)(i >> 2));
+        mesh.positions[i] = vec3(face[i & 1], face[i >> 1 & 1], face[i >> 2]);
     blob_shape_t shape = {.material = pbrt_interface_material(p),
                           .media = {medium, 0},
                           .alpha = blob_constant(1),
@@ -353,7 +355,7 @@ static bool has_light_at_infinity(const pbrt_t *p)
     return scene_gets_environment(p->builder);
 }
 
-/* What is about the camera, and has no border. */
+/* What is about the camera, and has no border that light from infinity could come in by. */
 static result_t end_camera_medium(pbrt_t *p, position_t at)
 {
     const blob_medium_t *records = blob_builder_records(p->builder->blob, BLOB_SECTION_MEDIA);
@@ -361,16 +363,15 @@ static result_t end_camera_medium(pbrt_t *p, position_t at)
     blob_ref_t box = record->density != 0           ? record->density
                      : record->absorption_tint != 0 ? record->absorption_tint
                                                     : record->scattering_tint;
+    if (!has_light_at_infinity(p)) return result_ok();
     if (box != 0) {
         const blob_field_t *fields = blob_builder_records(p->builder->blob, BLOB_SECTION_FIELDS);
         return enclose(p, p->scene.medium, &fields[box - 1], at);
     }
-    if (has_light_at_infinity(p))
-        report_warning(
-            p->report, at,
-            "the camera stands in a medium without an end, and a light is at infinity: how much of it "
-            "arrives is not defined; put a shape of an interface around all, with that medium inside "
-            "and \"\" outside");
+    report_warning(p->report, at,
+                   "the camera stands in a medium without an end, and a light is at infinity: how much of it "
+                   "arrives is not defined; put a shape of an interface around all, with that medium inside "
+                   "and \"\" outside");
     return result_ok();
 }
 
