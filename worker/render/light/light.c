@@ -1,6 +1,7 @@
 /* light: the table of kinds, the choice among emitters (see light.h). */
 #include "worker/render/light/light.h"
 
+#include "common/sampler.h"
 #include "worker/render/sampling/alias.h"
 
 #include <math.h>
@@ -59,6 +60,7 @@ static void place_lights(lights_t *lights, const scene_t *scene)
         light_t *light = &lights->lights[i];
         *light = (light_t){.scene = scene,
                            .record = &blob->lights[i],
+                           .medium = blob->lights[i].medium,
                            .centre = centre,
                            .radius = radius,
                            .half_sides = half_sides};
@@ -154,6 +156,40 @@ lights_t *lights_new(const scene_t *scene)
     place_lights(lights, scene);
     choose_lights(lights);
     return lights;
+}
+
+/* The medium that the light shines into by the interfaces that it meets; what it has when they say nothing. */
+static blob_ref_t medium_of(const light_t *light, uint32_t number)
+{
+    enum { RAYS = 16 };
+    sampler_t numbers = sampler_new(SAMPLER_INDEPENDENT, 0, number, 0);
+    blob_ref_t found = light->medium;
+    bool met = false;
+    for (int i = 0; i < RAYS; i++) {
+        light_ray_t ray = {.light = number};
+        surface_t surface;
+        float choice = sampler_1d(&numbers);
+        vec2_t place = sampler_2d(&numbers), direction = sampler_2d(&numbers);
+        if (!kinds[light->record->kind]->emit(light, choice, place, direction, &ray)) continue;
+        if (!scene_intersect(light->scene, ray.origin, ray.direction, 0, &surface)) continue;
+        if (!surface_is_interface(&surface)) continue;
+        blob_ref_t near = surface.shape->media[v_dot(ray.direction, surface.ng) < 0];
+        if (met && near != found) return light->medium;
+        found = near;
+        met = true;
+    }
+    return found;
+}
+
+void lights_find_media(lights_t *lights)
+{
+    for (uint32_t i = 0; i < lights->count; i++) {
+        light_t *light = &lights->lights[i];
+        if (light->record->kind < LIGHT_DISTANT) light->medium = medium_of(light, i);
+        if (light->medium != light->record->medium)
+            log_debug("light %u shines into medium %u, and not into %u, as its scene says", i, light->medium,
+                      light->record->medium);
+    }
 }
 
 void lights_destroy(lights_t **lights)
@@ -295,7 +331,7 @@ bool lights_emit(const lights_t *lights, float choice, vec2_t place, vec2_t ray,
     const light_t *light = &lights->lights[number];
     *out = (light_ray_t){.light = number,
                          .cosine = 1,
-                         .medium = light->record->medium,
+                         .medium = light->medium,
                          .view_ratio = light->view_ratio,
                          .start = {0, 1}};
     if (!kinds[light->record->kind]->emit(light, choice, place, ray, out)) return false;
@@ -339,7 +375,7 @@ static bool ask(const lights_t *lights, uint32_t number, float nearness, float t
 {
     const light_t *light = &lights->lights[number];
     *out = (light_view_t){.light = number,
-                          .medium = light->record->medium,
+                          .medium = light->medium,
                           .view_ratio = light->view_ratio * nearness,
                           .nearness = nearness};
     if (!kinds[light->record->kind]->illuminate(light, choice, point, place, out)) return false;

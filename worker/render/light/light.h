@@ -31,6 +31,10 @@ typedef struct lights lights_t;
 /* Tables for the lights of a scene, which must outlive them. A scene without (bright) lights gives empty
  * tables. */
 lights_t *lights_new(const scene_t *scene);
+/* Looks into which medium each light shines that has a place: that on the near side of the interfaces that its
+ * light meets first, if all of them agree. A scene may say otherwise, or nothing; but what the camera sees of a
+ * light knows the interfaces alone, and light subpaths must not know better. */
+void lights_find_media(lights_t *lights);
 /* Frees the tables and sets *lights to NULL. */
 void lights_destroy(lights_t **lights);
 /* Gives the lights places for lessons (light_guide.h), at most `room`; those that have no room have no guide.
@@ -129,6 +133,7 @@ float lights_enter(const lights_t *lights, uint32_t light, vec3_t point);
 typedef struct {
     const scene_t *scene;
     const blob_light_t *record;
+    blob_ref_t medium; /* that it shines into, where no interface says so: the record's, or what was found */
     void *state;
     vec3_t centre; /* of a sphere and of an upright box about the scene */
     float radius;

@@ -291,7 +291,7 @@ static vec3_t draw_direction(const light_t *light, vec3_t n, vec2_t u)
 static blob_ref_t medium_at(const light_t *light, float cosine)
 {
     const blob_shape_t *shape = &scene_blob(light->scene)->shapes[light->record->shape];
-    return shape->flags & SHAPE_INTERFACE ? shape->media[cosine > 0] : light->record->medium;
+    return shape->flags & SHAPE_INTERFACE ? shape->media[cosine > 0] : light->medium;
 }
 
 static bool emit(const light_t *light, float choice, vec2_t place, vec2_t ray, light_ray_t *out)
