@@ -309,7 +309,7 @@ static void bodies_are_glass_with_a_medium(void **state)
     assert_true(holds);
 }
 
-/* Rough wax; the same with a ball that nothing lights but what comes through it; Disney's. */
+/* Rough wax; the same with a ball that nothing lights but what comes through it, and with a lamp; Disney's. */
 static void integrators_agree(void **state)
 {
     (void)state;
@@ -322,6 +322,11 @@ static void integrators_agree(void **state)
         {"wax with a core",
          HEAD(ABOVE, "24") LAMP HIDDEN(ROUGH) "Material \"matte\" \"rgb Kd\" [0.8 0.3 0.1]\n"
                                               "Shape \"sphere\" \"float radius\" [0.6]\nWorldEnd\n",
+         {32, 0, 24}},
+        {"lamp in wax",
+         HEAD(ABOVE, "24") HIDDEN(ROUGH) "Material \"matte\" \"rgb Kd\" [0.8 0.3 0.1]\nAreaLightSource "
+                                         "\"diffuse\" \"rgb L\" [3 2.7 2.4]\n"
+                                         "Shape \"sphere\" \"float radius\" [0.4]\nWorldEnd\n",
          {32, 0, 24}},
         {"disney",
          HEAD(ABOVE, "24") LAMP FLOOR

@@ -172,7 +172,7 @@ static blob_ref_t medium_of(const light_t *light, uint32_t number)
         vec2_t place = sampler_2d(&numbers), direction = sampler_2d(&numbers);
         if (!kinds[light->record->kind]->emit(light, choice, place, direction, &ray)) continue;
         if (!scene_intersect(light->scene, ray.origin, ray.direction, 0, &surface)) continue;
-        if (!surface_is_interface(&surface)) continue;
+        if (!surface_is_interface(&surface) && surface.material->body == 0) continue;
         blob_ref_t near = surface.shape->media[v_dot(ray.direction, surface.ng) < 0];
         if (met && near != found) return light->medium;
         found = near;
