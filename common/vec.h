@@ -141,6 +141,19 @@ static inline vec3_t xform_point(const xform_t *t, vec3_t p)
                 t->m[1][0] * p.x + t->m[1][1] * p.y + t->m[1][2] * p.z + t->m[1][3],
                 t->m[2][0] * p.x + t->m[2][1] * p.y + t->m[2][2] * p.z + t->m[2][3]);
 }
+/* The largest number that the transform of such a point is added up of, or of any other whose coordinates are
+ * at most `reach`: what its rounding goes by. */
+static inline float xform_reach(const xform_t *t, vec3_t p, float reach)
+{
+    float largest = 0;
+    for (int i = 0; i < 3; i++) {
+        const float *m = t->m[i];
+        float sum = fabsf(m[3]) + fabsf(m[0]) * float_max(fabsf(p.x), reach) +
+                    fabsf(m[1]) * float_max(fabsf(p.y), reach) + fabsf(m[2]) * float_max(fabsf(p.z), reach);
+        largest = float_max(largest, sum);
+    }
+    return largest;
+}
 static inline vec3_t xform_vector(const xform_t *t, vec3_t v)
 {
     return vec3(t->m[0][0] * v.x + t->m[0][1] * v.y + t->m[0][2] * v.z,

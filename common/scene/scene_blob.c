@@ -288,11 +288,19 @@ blob_scene_t blob_default_scene(void)
 
 /* ---- what a job starts from ---------------------------------------------------------------------------- */
 
+/* As bright as a light may make the picture. How far away what has an intensity stands is not known: however
+ * strong, a film must be left that shows less than a thousandth. */
+static float brightness_of(const blob_light_t *light)
+{
+    bool intensity = light->kind > LIGHT_AREA && light->kind < LIGHT_DISTANT;
+    return float_min(v_max(light->radiance.factor), intensity ? 0x1p25f : INFINITY);
+}
+
 int blob_film_scale(const scene_blob_t *blob)
 {
     float brightest = v_max(blob->scene->occlusion_radiance);
     for (uint64_t i = 0; i < blob->counts[BLOB_SECTION_LIGHTS]; i++)
-        brightest = float_max(brightest, v_max(blob->lights[i].radiance.factor));
+        brightest = float_max(brightest, brightness_of(&blob->lights[i]));
     int excess = brightest > 0 ? ilogbf(brightest) - 9 : 0;
     return int_max(FILM_MIN_SCALE, FILM_DEFAULT_SCALE - int_max(0, excess));
 }

@@ -98,6 +98,28 @@ static void check_furnace(double radius, int depth)
     estimate_image_free(&image);
 }
 
+/* Within a sphere that lets through half of all light by chance, in another that shines with L = 1: half of
+ * that, and of what the inner one reflects. */
+static void alpha_counts_once(void **state)
+{
+    (void)state;
+    static const char scene[] =
+        "LookAt 0.1 0.2 0  1 0 0.3  0 1 0\nCamera \"perspective\" \"float fov\" [60]\n"
+        "Film \"rgb\" \"integer xresolution\" [64] \"integer yresolution\" [64]\n"
+        "PixelFilter \"box\" \"float xradius\" [0.5] \"float yradius\" [0.5]\nWorldBegin\n"
+        "Material \"diffuse\" \"rgb reflectance\" [0.9 0.9 0.9]\nReverseOrientation\n"
+        "Shape \"sphere\" \"float radius\" [1] \"float alpha\" [0.5]\n"
+        "Material \"diffuse\" \"rgb reflectance\" [0 0 0]\n"
+        "AreaLightSource \"diffuse\" \"rgb L\" [1 1 1]\nShape \"sphere\" \"float radius\" [2]\n";
+    wish_t wish = {.integrator = INTEGRATOR_VCM, .spp = 16, .radius = 0.2, .max_depth = 5};
+    estimate_image_t image = render_text(scene, &wish);
+    double error, mean = mean_of(&image, &error), truth = 0.5 * (1 - pow(0.45, 6)) / 0.55;
+    print_message("alpha of a half: %.5f +- %.5f, expected %.5f\n", mean, error, truth);
+    assert_true(error < 0.002 * truth);
+    assert_true(fabs(mean - truth) < 4.5 * error + 0.001 * truth);
+    estimate_image_free(&image);
+}
+
 static void a_furnace_keeps_its_radiance(void **state)
 {
     (void)state;
@@ -262,6 +284,7 @@ int main(int argc, char **argv)
     folder = scratch_new();
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_furnace_keeps_its_radiance),
+        cmocka_unit_test(alpha_counts_once),
         cmocka_unit_test(a_small_radius_has_no_bias_that_shows),
         cmocka_unit_test(the_error_falls_with_samples),
         cmocka_unit_test(a_pool_agrees_with_brute_force),

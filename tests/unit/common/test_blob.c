@@ -366,6 +366,15 @@ static void everything_comes_back(void **state)
     assert_int_equal(settings.integrator, INTEGRATOR_PATH);
     /* 2^12 <= 5000 < 2^13, which is 2^3 over the 2^10 that the default is made for. */
     assert_int_equal(settings.film_scale, FILM_DEFAULT_SCALE - 3);
+    /* A strong lamp may be far away: it does not make the film so coarse that all is black. */
+    blob_light_t lights[2] = {{.kind = LIGHT_POINT, .radiance = blob_constant(3e12f)},
+                              {.kind = LIGHT_AREA, .radiance = blob_constant(3e8f)}};
+    scene_blob_t other = blob;
+    other.lights = lights;
+    other.counts[BLOB_SECTION_LIGHTS] = 1;
+    assert_int_equal(blob_film_scale(&other), FILM_DEFAULT_SCALE - 16);
+    other.counts[BLOB_SECTION_LIGHTS] = 2;
+    assert_int_equal(blob_film_scale(&other), FILM_DEFAULT_SCALE - 19);
     blob_close(&blob);
     blob_close(&blob);
     free(bytes);

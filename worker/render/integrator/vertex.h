@@ -76,7 +76,7 @@ static inline bool vertex_is_for_eyes(const vertex_t *vertex)
 static inline bool vertex_is_mergeable(const vertex_t *vertex)
 {
     return vertex->kind == VERTEX_SURFACE && !vertex->bounds && !vertex_is_for_eyes(vertex) &&
-           bsdf_is_broad(&vertex->bsdf);
+           bsdf_is_broad(&vertex->bsdf) && surface_is_whole(&vertex->surface);
 }
 
 /* Light that is scattered between wo and w: as bsdf_eval. */

@@ -266,9 +266,10 @@ static float ray_pdf(const light_t *light, vec3_t w, float cosine)
     return light_guide_direction_pdf(light->guide, plain_ray_pdf(light, cosine), w);
 }
 
-static vec3_t offset(const spot_t *spot, vec3_t direction)
+static vec3_t offset(const light_t *light, const spot_t *spot, vec3_t direction)
 {
-    float distance = scene_offset_at(spot->p);
+    const quadric_t *quadric = state_of(light)->quadric;
+    float distance = scene_offset_of(spot->p, quadric != NULL ? quadric->reach : 0);
     return v_mad(spot->p, v_dot(spot->n, direction) < 0 ? -distance : distance, spot->n);
 }
 
@@ -306,7 +307,7 @@ static bool emit(const light_t *light, float choice, vec2_t place, vec2_t ray, l
     out->start = light_guide_direction_start(light->guide_side, out->direction, out->pdf_ray);
     out->delta = is_unseen(light);
     out->point = spot.p;
-    out->origin = offset(&spot, out->direction);
+    out->origin = offset(light, &spot, out->direction);
     out->pdf_place = spot.pdf;
     out->cosine = fabsf(cosine);
     out->medium = medium_at(light, cosine);
@@ -325,7 +326,7 @@ static bool illuminate(const light_t *light, float choice, vec3_t point, vec2_t 
     float cosine = -v_dot(spot.n, out->w);
     if (cosine == 0 || (cosine < 0 && !is_two_sided(light))) return false;
     out->radiance = radiance_of_spot(light, &spot);
-    out->target = offset(&spot, v_neg(out->w));
+    out->target = offset(light, &spot, v_neg(out->w));
     out->medium = medium_at(light, cosine);
     out->delta = is_unseen(light);
     out->pdf_place = spot.pdf;

@@ -209,4 +209,6 @@ void quadric_init(quadric_t *quadric, const blob_quadric_t *record)
     quadric->record = record;
     xform_invert(&record->object_from_quadric, &quadric->quadric_from_object);
     quadric->area = object_area(quadric);
+    float radius = float_max(record->radius, float_max(fabsf(record->z_min), fabsf(record->z_max)));
+    quadric->reach = xform_reach(&record->object_from_quadric, vec3(0, 0, 0), radius);
 }

@@ -12,6 +12,7 @@ typedef struct {
     const blob_quadric_t *record;
     xform_t quadric_from_object;
     double area; /* exact for a rigid transform, of the right size for any other */
+    float reach; /* xform_reach of its points */
 } quadric_t;
 
 /* A point of it. */

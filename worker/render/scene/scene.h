@@ -113,6 +113,13 @@ static inline bool surface_is_interface(const surface_t *surface)
     return surface->material->kind == MATERIAL_INTERFACE;
 }
 
+/* False where an alpha lets a part of all rays through by chance. */
+static inline bool surface_is_whole(const surface_t *surface)
+{
+    const blob_value_t *alpha = &surface->shape->alpha;
+    return surface->shape->flags & SHAPE_CUTOUT || (alpha->texture == 0 && alpha->factor.x >= 1);
+}
+
 /* The surface's point moved off the surface, to the side to which `direction`, of unit length, points. */
 static inline vec3_t scene_offset(const surface_t *surface, vec3_t direction)
 {
@@ -128,6 +135,12 @@ static inline float scene_offset_at(vec3_t p)
 {
     float largest = float_max(fabsf(p.x), float_max(fabsf(p.y), fabsf(p.z)));
     return float_max(largest, 0x1p-10f) * 0x1p-18f;
+}
+/* The same where a point was worked out with such larger numbers: those of a huge sphere, or of an instance
+ * that was brought from afar. */
+static inline float scene_offset_of(vec3_t p, float reach)
+{
+    return float_max(scene_offset_at(p), reach * 0x1p-20f);
 }
 
 #endif

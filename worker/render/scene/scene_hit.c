@@ -121,7 +121,9 @@ bool scene_fill_surface(const scene_t *scene, const blob_shape_t *shape, const h
         if (instanced && !local) p = xform_point(&placement->object_from_world, p);
         at = shape->kind == SHAPE_QUADRIC ? quadric_place(scene, shape, p) : (place_t){p, ng, ng};
     }
+    float reach = shape->kind == SHAPE_QUADRIC ? scene->quadrics[shape->geometry].reach : 0;
     if (instanced) {
+        reach = xform_reach(&placement->world_from_object, at.p, reach);
         at.p = xform_point(&placement->world_from_object, at.p);
         at.ng = xform_normal(&placement->object_from_world, at.ng);
         at.ns = xform_normal(&placement->object_from_world, at.ns);
@@ -132,7 +134,7 @@ bool scene_fill_surface(const scene_t *scene, const blob_shape_t *shape, const h
     surface->p = at.p;
     surface->ng = at.ng;
     surface->ns = at.ns;
-    surface->offset = scene_offset_at(at.p);
+    surface->offset = scene_offset_of(at.p, reach);
     return v_is_finite(at.ng) && v_is_finite(at.ns);
 }
 

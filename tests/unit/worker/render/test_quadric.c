@@ -10,6 +10,7 @@
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include <cmocka.h>
 
@@ -253,38 +254,92 @@ static void samples_are_even(void **state)
     for_all(check_samples);
 }
 
+/* A scene of pbrt text. */
+typedef struct {
+    char *folder;
+    uint8_t *bytes;
+    scene_blob_t blob;
+    scene_t *scene;
+} written_t;
+
+static void begin(written_t *w, const char *world)
+{
+    w->folder = scratch_new();
+    char *path = scratch_path(w->folder, "scene.pbrt");
+    char *text = mem_printf("Camera \"perspective\"\nFilm \"image\"\nWorldBegin\n%sWorldEnd\n", world);
+    scratch_write(path, text, strlen(text));
+    uint64_t size;
+    result_t made = import_scene_blob(path, NULL, &w->bytes, &size);
+    if (made.code != RESULT_OK) fail_msg("%s", made.message);
+    assert_int_equal(blob_open(w->bytes, size, &w->blob).code, RESULT_OK);
+    assert_int_equal(scene_new(&w->blob, &w->scene).code, RESULT_OK);
+    free(text);
+    free(path);
+}
+
+static void end(written_t *w)
+{
+    scene_destroy(&w->scene);
+    free(w->bytes);
+    scratch_destroy(&w->folder);
+}
+
 /* Round things stay round in scaled instances: the normal of a sphere of radius r is its point / r. */
 static void instances_scale_curvature(void **state)
 {
     (void)state;
-    static const char text[] = "Camera \"perspective\"\nFilm \"image\"\nWorldBegin\nObjectBegin \"a\"\nShape "
-                               "\"sphere\" \"float radius\" [2]\nObjectEnd\nScale -3 3 3\nObjectInstance "
-                               "\"a\"\nWorldEnd\n";
-    char *folder = scratch_new(), *path = scratch_path(folder, "scene.pbrt");
-    scratch_write(path, text, sizeof text - 1);
-    uint8_t *bytes;
-    uint64_t size;
-    scene_blob_t blob;
-    scene_t *scene;
-    result_t made = import_scene_blob(path, NULL, &bytes, &size);
-    if (made.code != RESULT_OK) fail_msg("%s", made.message);
-    assert_int_equal(blob_open(bytes, size, &blob).code, RESULT_OK);
-    assert_int_equal(scene_new(&blob, &scene).code, RESULT_OK);
+    written_t w;
+    begin(&w, "ObjectBegin \"a\"\nShape \"sphere\" \"float radius\" [2]\nObjectEnd\n"
+              "Scale -3 3 3\nObjectInstance \"a\"\n");
     for (uint32_t i = 0; i < 100; i++) {
         vec2_t u = random_2d(i, 0), v = random_2d(i, 1);
         vec3_t origin = vec3(20 * u.x - 10, 20 * u.y - 10, 8 * v.x + 8);
         surface_t surface;
         surface_details_t details;
-        assert_true(scene_intersect(scene, origin, v_neg(v_normalize(origin)), 0, &surface));
-        scene_details(scene, &surface, &details);
+        assert_true(scene_intersect(w.scene, origin, v_neg(v_normalize(origin)), 0, &surface));
+        scene_details(w.scene, &surface, &details);
         assert_near(surface.ng, v_scale(surface.p, 1 / 6.0f), 1e-4f);
         assert_near(details.dndu, v_scale(details.dpdu, 1 / 6.0f), 1e-4f);
         assert_near(details.dndv, v_scale(details.dpdv, 1 / 6.0f), 1e-4f);
     }
-    scene_destroy(&scene);
-    free(bytes);
-    free(path);
-    scratch_destroy(&folder);
+    end(&w);
+}
+
+/* The ground of many a scene is a huge sphere; and what is placed may have been made far away. Points near the
+ * origin are rounded by numbers that are far larger than their own, and yet rays leave the surface. */
+static void large_things_do_not_hide_the_sky(void **state)
+{
+    (void)state;
+    static const char *const worlds[] = {
+        "Translate 0 -1000 0\nShape \"sphere\" \"float radius\" [1000]\n",
+        "Translate 1 -5000 2\nRotate 30 1 2 3\nScale 3 2 1\nShape \"sphere\" \"float radius\" [2000]\n",
+        "ObjectBegin \"a\"\nTranslate 1000 500 300\nRotate 40 1 0 1\nShape \"trianglemesh\" "
+        "\"integer indices\" [0 1 2] \"point P\" [-50 0 -50  50 0 -50  0 0 50]\nObjectEnd\n"
+        "Translate -1000 -500 -300\nObjectInstance \"a\"\n",
+        "ObjectBegin \"a\"\nTranslate 0 -600 0\nShape \"sphere\" \"float radius\" [500]\nObjectEnd\n"
+        "Translate 0 100 0\nObjectInstance \"a\"\n"};
+    for (size_t k = 0; k < ARRAY_LENGTH(worlds); k++) {
+        written_t w;
+        begin(&w, worlds[k]);
+        int met = 0, hidden = 0;
+        for (uint32_t i = 0; i < 2000; i++) {
+            vec2_t u = random_2d(i, 0), v = random_2d(i, 1);
+            vec3_t origin = vec3(0.3f, 4, 0.2f), towards = vec3(3 * u.x - 1.5f, -4, 3 * u.y - 1.5f);
+            surface_t surface;
+            if (!scene_intersect(w.scene, origin, v_normalize(towards), 0, &surface)) continue;
+            vec3_t s, t, out = v_dot(surface.ng, towards) < 0 ? surface.ng : v_neg(surface.ng);
+            v_frame(out, &s, &t);
+            float height = 0.02f + 0.98f * v.x, across = sqrtf(1 - height * height), angle = 6.28f * v.y;
+            vec3_t ray = v_add(v_scale(out, height), v_add(v_scale(s, across * cosf(angle)),
+                                                           v_scale(t, across * sinf(angle))));
+            met++;
+            hidden += scene_probe(w.scene, scene_offset(&surface, ray), ray);
+        }
+        print_message("world %zu: of %d rays %d meet what they left\n", k, met, hidden);
+        assert_true(met > 500);
+        assert_int_equal(hidden, 0);
+        end(&w);
+    }
 }
 
 int main(void)
@@ -294,6 +349,7 @@ int main(void)
         cmocka_unit_test(lines_cross_where_they_should),
         cmocka_unit_test(samples_are_even),
         cmocka_unit_test(instances_scale_curvature),
+        cmocka_unit_test(large_things_do_not_hide_the_sky),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

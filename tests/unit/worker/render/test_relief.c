@@ -1,9 +1,13 @@
-/* Normal maps of the parts of a mix (MATERIAL_CHOSEN): the mix is as bright as its parts are in the mean. */
+/* Normal maps of the parts of a mix (MATERIAL_CHOSEN): the mix is as bright as its parts are in the mean. And
+ * bumps where uvs say nothing. */
+#include "client/import/import.h"
 #include "tests/render_here.h"
+#include "tests/scratch.h"
 
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
+#include <stdlib.h>
 /* After setjmp and stdarg. */
 #include <cmocka.h>
 
@@ -64,8 +68,46 @@ static void parts_keep_their_relief(void **state)
     }
 }
 
+/* A texture of space bumps a mesh, though the uvs of all its corners are the same. */
+static void bumps_need_no_uvs(void **state)
+{
+    (void)state;
+    static const char text[] =
+        "LookAt 0 0 -3  0 0 0  0 1 0\nCamera \"perspective\"\nFilm \"rgb\" \"integer xresolution\" [24] "
+        "\"integer yresolution\" [24]\nWorldBegin\n"
+        "LightSource \"distant\" \"point3 from\" [-1 0 -1] \"point3 to\" [0 0 0]\n"
+        "Texture \"b\" \"float\" \"fbm\"\nMaterial \"diffuse\" \"texture displacement\" \"b\"\n"
+        "Shape \"trianglemesh\" \"integer indices\" [0 1 2 0 2 3] \"point2 uv\" [0 0 0 0 0 0 0 0] "
+        "\"point3 P\" [-9 -9 0  9 -9 0  9 9 0  -9 9 0]\n";
+    char *folder = scratch_new(), *path = scratch_path(folder, "scene.pbrt");
+    uint8_t *bytes;
+    uint64_t size;
+    scene_blob_t blob;
+    film_image_t image;
+    scratch_write(path, text, sizeof text - 1);
+    assert_int_equal(import_scene_blob(path, NULL, &bytes, &size).code, RESULT_OK);
+    assert_int_equal(blob_open(bytes, size, &blob).code, RESULT_OK);
+    job_settings_t settings = blob_default_settings(&blob);
+    settings.spp = 4;
+    film_t *film = render_here(&blob, &settings);
+    film_resolve(film, &image);
+    float least = INFINITY, most = 0;
+    for (size_t i = 0; i < 3 * SIDE * SIDE; i++) {
+        least = fminf(least, image.sum[i]);
+        most = fmaxf(most, image.sum[i]);
+    }
+    print_message("from %.3f to %.3f\n", (double)least, (double)most);
+    assert_true(most > 1.2f * least);
+    film_image_free(&image);
+    film_destroy(&film);
+    free(bytes);
+    free(path);
+    scratch_destroy(&folder);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(parts_keep_their_relief)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(parts_keep_their_relief),
+                                       cmocka_unit_test(bumps_need_no_uvs)};
     return cmocka_run_group_tests_name("relief", tests, NULL, NULL);
 }
