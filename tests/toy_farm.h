@@ -8,8 +8,8 @@
 
 /* A farm with room for six films of toy_settings; films outlive it if `keeps`. */
 farm_t *toy_farm(bool keeps);
-/* The same, with a folder where jobs that are verified keep batches; it outlives the farm. It has room for the
- * films of jobs that learn. */
+/* The same, with a folder where jobs that are verified keep batches; it outlives the farm. It has room for
+ * the films of jobs that learn. */
 farm_t *toy_verifying_farm(const char *spool_dir);
 /* The same with room for so many bytes of evidence. */
 farm_t *toy_quota_farm(const char *spool_dir, uint64_t quota);

@@ -4,8 +4,8 @@
  * its sums. So a plan takes no memory of its own but its hash: what somebody fetches of it is added up then.
  * When a pass is about to open, the lessons of those that make its plan are settled: from then on nothing is
  * added to them or taken out of them, whatever becomes of the samples that they come from. So the plan stays
- * what it was, as long as the job lives, and is read without a lock. A pass does not open before what is known
- * to be wrong has been taken out.
+ * what it was, as long as the job lives, and is read without a lock. A pass does not open before what is
+ * known to be wrong has been taken out.
  *
  * A checkpoint has the film, and how many passes are settled. So after a restart the plans are there again,
  * with the same hashes.

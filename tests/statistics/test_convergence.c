@@ -380,7 +380,7 @@ int main(int argc, char **argv)
                                        cmocka_unit_test(adaptive_images_are_right_on_average),
                                        cmocka_unit_test(images_that_learn_are_right_on_average),
                                        cmocka_unit_test(all_tiles_bring_light),
-        cmocka_unit_test(what_only_light_subpaths_find_is_learned),
+                                       cmocka_unit_test(what_only_light_subpaths_find_is_learned),
                                        cmocka_unit_test(adaptive_images_are_better),
                                        cmocka_unit_test(planned_images_are_reproducible)};
     return cmocka_run_group_tests_name("convergence", tests, NULL, NULL);

@@ -611,8 +611,8 @@ static const case_t cases[] = {
      "\"thing\"\nAttributeEnd\nWorldEnd\n"},
     {"light in a body", ROOM_HEAD COLOURED("m", "2") STAGE "Material \"\"\n" INSIDE("m", "")
                             BALL("Translate 0.3 1.2 0\n", "0.9") INSIDE("", "m") LAMP_BALL "WorldEnd\n"},
-    {"light that does not know of fog", ROOM_HEAD COLOURED("m", "0.3") STAGE LAMP "Material \"\"\n" INSIDE(
-                                            "m", "") BALL("Translate 0 1 0\n", "3.5") "WorldEnd\n"},
+    {"light that does not know of fog", ROOM_HEAD COLOURED("m", "0.3") STAGE LAMP
+     "Material \"\"\n" INSIDE("m", "") BALL("Translate 0 1 0\n", "3.5") "WorldEnd\n"},
     {"orthographic in fog", COLOURED("m", "0.2") INSIDE("", "m") LOOK
      "Camera \"orthographic\" \"float screenwindow\" [-1.8 1.8 -1 2.6]\n" FILM3 BOX3 SOBOL INSIDE("m", "m")
          STAGE LAMP

@@ -120,9 +120,9 @@ static void white_bodies_vanish(void **state)
     static const char near[] = HEAD(AHEAD, "16") SKY
         "Material \"kdsubsurface\" \"rgb Kd\" [1 1 1] \"float eta\" [1.4] \"rgb mfp\" [0.1 0.1 0.1]\n" BALL
         "WorldEnd\n";
-    static const char far[] =
-        HEAD("LookAt 30 30 20  30 30 30  0 1 0\n"
-             "Camera \"orthographic\" \"float screenwindow\" [-0.05 0.05 -0.05 0.05]\n", "16") SKY
+    static const char far[] = HEAD("LookAt 30 30 20  30 30 30  0 1 0\n"
+                                   "Camera \"orthographic\" \"float screenwindow\" [-0.05 0.05 -0.05 0.05]\n",
+                                   "16") SKY
         "Material \"kdsubsurface\" \"rgb Kd\" [1 1 1] \"float eta\" [1.4] \"rgb mfp\" [1e-3 1e-3 1e-3]\n"
         "Translate 30 30 30\nShape \"sphere\" \"float radius\" [0.05]\nWorldEnd\n";
     static const double one[3] = {1, 1, 1};
@@ -309,7 +309,8 @@ static void bodies_are_glass_with_a_medium(void **state)
     assert_true(holds);
 }
 
-/* Rough wax; the same with a ball that nothing lights but what comes through it, and with a lamp; Disney's. */
+/* Rough wax; the same with a ball that nothing lights but what comes through it, and with a lamp; Disney's.
+ */
 static void integrators_agree(void **state)
 {
     (void)state;

@@ -331,7 +331,7 @@ int main(void)
                                        cmocka_unit_test(halves_count_even_and_odd_samples),
                                        cmocka_unit_test(settings_are_checked),
                                        cmocka_unit_test(the_content_has_what_samples_depend_on),
-        cmocka_unit_test(strategies_are_checked),
+                                       cmocka_unit_test(strategies_are_checked),
                                        cmocka_unit_test(milestones_are_checked),
                                        cmocka_unit_test(every_kind_has_its_name)};
     return cmocka_run_group_tests_name("job", tests, NULL, NULL);

@@ -158,7 +158,8 @@ lights_t *lights_new(const scene_t *scene)
     return lights;
 }
 
-/* The medium that the light shines into by the interfaces that it meets; what it has when they say nothing. */
+/* The medium that the light shines into by the interfaces that it meets; what it has when they say nothing.
+ */
 static blob_ref_t medium_of(const light_t *light, uint32_t number)
 {
     enum { RAYS = 16 };

@@ -32,8 +32,9 @@ typedef struct lights lights_t;
  * tables. */
 lights_t *lights_new(const scene_t *scene);
 /* Looks into which medium each light shines that has a place: that on the near side of the interfaces, and
- * surfaces of bodies, that its light meets first, if all of them agree. A scene may say otherwise, or nothing; but what the camera sees of a
- * light knows the interfaces alone, and light subpaths must not know better. */
+ * surfaces of bodies, that its light meets first, if all of them agree. A scene may say otherwise, or
+ * nothing; but what the camera sees of a light knows the interfaces alone, and light subpaths must not know
+ * better. */
 void lights_find_media(lights_t *lights);
 /* Frees the tables and sets *lights to NULL. */
 void lights_destroy(lights_t **lights);

@@ -335,8 +335,7 @@ static result_t enclose(pbrt_t *p, blob_ref_t medium, const blob_field_t *field,
     mesh.positions = mem_alloc(mesh.vertex_count * sizeof *mesh.positions);
     mesh.triangles = mem_alloc(sizeof faces);
     memcpy(mesh.triangles, faces, sizeof faces);
-    for (int i = 0; i < 8; ++i)
-        mesh.positions[i] = vec3(face[i & 1], face[i >> 1 & 1], face[i >> 2]);
+    for (int i = 0; i < 8; ++i) mesh.positions[i] = vec3(face[i & 1], face[i >> 1 & 1], face[i >> 2]);
     blob_shape_t shape = {.material = pbrt_interface_material(p),
                           .media = {medium, 0},
                           .alpha = blob_constant(1),

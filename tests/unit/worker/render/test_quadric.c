@@ -305,8 +305,8 @@ static void instances_scale_curvature(void **state)
     end(&w);
 }
 
-/* The ground of many a scene is a huge sphere; and what is placed may have been made far away. Points near the
- * origin are rounded by numbers that are far larger than their own, and yet rays leave the surface. */
+/* The ground of many a scene is a huge sphere; and what is placed may have been made far away. Points near
+ * the origin are rounded by numbers that are far larger than their own, and yet rays leave the surface. */
 static void large_things_do_not_hide_the_sky(void **state)
 {
     (void)state;
@@ -330,8 +330,8 @@ static void large_things_do_not_hide_the_sky(void **state)
             vec3_t s, t, out = v_dot(surface.ng, towards) < 0 ? surface.ng : v_neg(surface.ng);
             v_frame(out, &s, &t);
             float height = 0.02f + 0.98f * v.x, across = sqrtf(1 - height * height), angle = 6.28f * v.y;
-            vec3_t ray = v_add(v_scale(out, height), v_add(v_scale(s, across * cosf(angle)),
-                                                           v_scale(t, across * sinf(angle))));
+            vec3_t ray = v_add(v_scale(out, height),
+                               v_add(v_scale(s, across * cosf(angle)), v_scale(t, across * sinf(angle))));
             met++;
             hidden += scene_probe(w.scene, scene_offset(&surface, ray), ray);
         }
