@@ -51,8 +51,8 @@ static void mesh_details(const scene_blob_t *blob, const surface_t *surface, sur
     float determinant = d1.x * d2.y - d1.y * d2.x;
     vec3_t p[3], n[3];
     mesh_corners(blob->positions + mesh->first_position, mesh, v, surface->time, p);
-    if (!(fabsf(determinant) >
-          0x1p-100f)) { /* uvs do not say: any frame, so that bumps have one, as in pbrt */
+    if (!(fabsf(determinant) > 0x1p-100f)) {
+        /* uvs do not say: any frame, so that bumps have one, as in pbrt. */
         n[0] = v_cross(v_sub(p[1], p[0]), v_sub(p[2], p[0]));
         if (!v_is_zero(n[0])) v_frame(v_normalize(n[0]), &details->dpdu, &details->dpdv);
         return;
