@@ -281,9 +281,9 @@ hash_t job_content_hash(const job_settings_t *settings, const hash_t *blob)
         settings->strategy_s, settings->strategy_t, settings->unweighted, settings->features);
     if (settings->cryptomatte)
         length += snprintf(text + length, sizeof text - (size_t)length, " cryptomatte");
-    if (settings->learn) length += snprintf(text + length, sizeof text - (size_t)length, " learn");
-    if (settings->learn && settings->adaptive) /* that has other passes */
-        length += snprintf(text + length, sizeof text - (size_t)length, " adaptive");
+    if (settings->learn) /* an adaptive job has other passes */
+        length += snprintf(text + length, sizeof text - (size_t)length,
+                           settings->adaptive ? " learn adaptive" : " learn");
     if (settings->light_groups[0] != '\0')
         length += snprintf(text + length, sizeof text - (size_t)length, " groups %s", settings->light_groups);
     if (settings->merge_radius > 0)

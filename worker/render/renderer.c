@@ -78,7 +78,6 @@ result_t renderer_new(const scene_blob_t *blob, const job_settings_t *settings, 
     setup->camera = renderer->camera;
     setup->media = renderer->media = media_new(blob, settings->integrator == INTEGRATOR_AO);
     setup->medium = blob->scene->medium;
-    if (setup->media != NULL) lights_find_media(renderer->lights);
     setup->moves = scene_moves(renderer->scene) || camera_moves(renderer->camera);
     setup->regularizes = blob->scene->regularize != 0;
     setup->max_luminance = blob->scene->max_luminance;

@@ -146,20 +146,8 @@ static void choose_lights(lights_t *lights)
     free(powers);
 }
 
-lights_t *lights_new(const scene_t *scene)
-{
-    const scene_blob_t *blob = scene_blob(scene);
-    lights_t *lights = mem_zalloc(1, sizeof *lights);
-    lights->count = (uint32_t)blob->counts[BLOB_SECTION_LIGHTS];
-    lights->lights = mem_zalloc((size_t)lights->count + 1, sizeof *lights->lights);
-    lights->sky = mem_zalloc((size_t)lights->count + 1, sizeof *lights->sky);
-    place_lights(lights, scene);
-    choose_lights(lights);
-    return lights;
-}
-
-/* The medium that the light shines into by the interfaces that it meets; what it has when they say nothing.
- */
+/* The medium that a light shines into which has a place: that on the near side of the interfaces, and
+ * surfaces of bodies, that its light meets first, if all of them agree; otherwise what the scene says. */
 static blob_ref_t medium_of(const light_t *light, uint32_t number)
 {
     enum { RAYS = 16 };
@@ -182,7 +170,9 @@ static blob_ref_t medium_of(const light_t *light, uint32_t number)
     return found;
 }
 
-void lights_find_media(lights_t *lights)
+/* A scene may say otherwise, or nothing; but what the camera sees of a light knows the interfaces alone, and
+ * light subpaths must not know better. */
+static void find_media(lights_t *lights)
 {
     for (uint32_t i = 0; i < lights->count; i++) {
         light_t *light = &lights->lights[i];
@@ -191,6 +181,19 @@ void lights_find_media(lights_t *lights)
             log_debug("light %u shines into medium %u, and not into %u, as its scene says", i, light->medium,
                       light->record->medium);
     }
+}
+
+lights_t *lights_new(const scene_t *scene)
+{
+    const scene_blob_t *blob = scene_blob(scene);
+    lights_t *lights = mem_zalloc(1, sizeof *lights);
+    lights->count = (uint32_t)blob->counts[BLOB_SECTION_LIGHTS];
+    lights->lights = mem_zalloc((size_t)lights->count + 1, sizeof *lights->lights);
+    lights->sky = mem_zalloc((size_t)lights->count + 1, sizeof *lights->sky);
+    place_lights(lights, scene);
+    choose_lights(lights);
+    if (blob->counts[BLOB_SECTION_MEDIA] > 0) find_media(lights);
+    return lights;
 }
 
 void lights_destroy(lights_t **lights)

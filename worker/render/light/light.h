@@ -31,11 +31,6 @@ typedef struct lights lights_t;
 /* Tables for the lights of a scene, which must outlive them. A scene without (bright) lights gives empty
  * tables. */
 lights_t *lights_new(const scene_t *scene);
-/* Looks into which medium each light shines that has a place: that on the near side of the interfaces, and
- * surfaces of bodies, that its light meets first, if all of them agree. A scene may say otherwise, or
- * nothing; but what the camera sees of a light knows the interfaces alone, and light subpaths must not know
- * better. */
-void lights_find_media(lights_t *lights);
 /* Frees the tables and sets *lights to NULL. */
 void lights_destroy(lights_t **lights);
 /* Gives the lights places for lessons (light_guide.h), at most `room`; those that have no room have no guide.

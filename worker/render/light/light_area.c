@@ -269,7 +269,7 @@ static float ray_pdf(const light_t *light, vec3_t w, float cosine)
 static vec3_t offset(const light_t *light, const spot_t *spot, vec3_t direction)
 {
     const quadric_t *quadric = state_of(light)->quadric;
-    float distance = scene_offset_of(spot->p, quadric != NULL ? quadric->reach : 0);
+    float distance = scene_offset_at(spot->p, quadric != NULL ? quadric->reach : 0);
     return v_mad(spot->p, v_dot(spot->n, direction) < 0 ? -distance : distance, spot->n);
 }
 

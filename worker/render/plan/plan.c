@@ -126,7 +126,8 @@ static void sum_up(const looks_t *looks, float *inverse)
     float roots = 0, sums[PARTS] = {0}, counts[PARTS] = {0};
     for (uint32_t i = 0; i < looks->count; i++) roots += sqrtf(looks->eye[i].value);
     float typical = (roots / (float)looks->count) * (roots / (float)looks->count);
-    for (size_t i = 0; i < looks->splat_count && roots == 0; i++) typical += looks->splats[i].value / PARTS;
+    if (roots == 0)
+        for (size_t i = 0; i < looks->splat_count; i++) typical += looks->splats[i].value / PARTS;
     for (uint32_t i = 0; i < looks->count; i++) {
         sums[looks->eye[i].part] += float_min(looks->eye[i].value, 32 * typical);
         counts[looks->eye[i].part]++;

@@ -130,17 +130,13 @@ static inline vec3_t scene_offset(const surface_t *surface, vec3_t direction)
 }
 
 /* How far off a surface rays must start at p (a few hundred units in the last place of its largest
- * coordinate: the rounding of a hit point and of Embree's distances stays below it). */
-static inline float scene_offset_at(vec3_t p)
+ * coordinate: the rounding of a hit point and of Embree's distances stays below it). `reach`: where p was
+ * worked out with numbers as large as that (xform_reach), of a huge sphere, or of an instance that was
+ * brought from afar. */
+static inline float scene_offset_at(vec3_t p, float reach)
 {
     float largest = float_max(fabsf(p.x), float_max(fabsf(p.y), fabsf(p.z)));
-    return float_max(largest, 0x1p-10f) * 0x1p-18f;
-}
-/* The same where a point was worked out with such larger numbers: those of a huge sphere, or of an instance
- * that was brought from afar. */
-static inline float scene_offset_of(vec3_t p, float reach)
-{
-    return float_max(scene_offset_at(p), reach * 0x1p-20f);
+    return float_max(float_max(largest, 0x1p-10f) * 0x1p-18f, reach * 0x1p-20f);
 }
 
 #endif

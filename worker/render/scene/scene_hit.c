@@ -79,17 +79,21 @@ static bool fill_fibre(const scene_t *scene, const hit_t *hit, const placement_t
         v_frame(along, &s, &t);
         facing = s;
     }
-    float turn = 0.5f * PI_F * float_clamp(hit->place.y, -1, 1);
+    float turn = 0.5f * PI_F * float_clamp(hit->place.y, -1, 1), reach = 0;
     vec3_t across = v_cross(along, facing); /* to where Embree's v falls */
     surface->p = v_mad(hit->origin, hit->distance, hit->direction);
     surface->ng = surface->ns = v_sub(v_scale(across, sinf(turn)), v_scale(facing, cosf(turn)));
     surface->fibre = true;
     surface->along = along;
     surface->radius = strand.radius;
-    if (placement != NULL) surface->radius /= v_length(xform_vector(&placement->object_from_world, across));
+    if (placement != NULL) {
+        const blob_curve_point_t *end = points + 4 * (size_t)hit->primitive;
+        surface->radius /= v_length(xform_vector(&placement->object_from_world, across));
+        reach = xform_reach(&placement->world_from_object, vec3(end->x, end->y, end->z), 0);
+    }
     vec3_t n = surface->ng;
     surface->offset =
-        4 * surface->radius * (fabsf(n.x) + fabsf(n.y) + fabsf(n.z)) + scene_offset_at(surface->p);
+        4 * surface->radius * (fabsf(n.x) + fabsf(n.y) + fabsf(n.z)) + scene_offset_at(surface->p, reach);
     return v_is_finite(along) && v_is_finite(surface->ng) && isfinite(surface->offset);
 }
 
@@ -134,7 +138,7 @@ bool scene_fill_surface(const scene_t *scene, const blob_shape_t *shape, const h
     surface->p = at.p;
     surface->ng = at.ng;
     surface->ns = at.ns;
-    surface->offset = scene_offset_of(at.p, reach);
+    surface->offset = scene_offset_at(at.p, reach);
     return v_is_finite(at.ng) && v_is_finite(at.ns);
 }
 

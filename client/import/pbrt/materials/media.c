@@ -362,7 +362,6 @@ static result_t end_camera_medium(pbrt_t *p, position_t at)
     blob_ref_t box = record->density != 0           ? record->density
                      : record->absorption_tint != 0 ? record->absorption_tint
                                                     : record->scattering_tint;
-    if (!has_light_at_infinity(p)) return result_ok();
     if (box != 0) {
         const blob_field_t *fields = blob_builder_records(p->builder->blob, BLOB_SECTION_FIELDS);
         return enclose(p, p->scene.medium, &fields[box - 1], at);
@@ -383,7 +382,8 @@ result_t pbrt_finish_media(pbrt_t *p, position_t at)
         made = made || p->media[i].record != 0;
     }
     settle_all(p);
-    if (p->scene.medium != 0 && is_open(p, p->scene.medium)) TRY(end_camera_medium(p, at));
+    if (p->scene.medium != 0 && has_light_at_infinity(p) && is_open(p, p->scene.medium))
+        TRY(end_camera_medium(p, at));
     if (!p->knows_media && made)
         report_warning(p->report, p->integrator_at.line ? p->integrator_at : at,
                        "the scene has media, which pbrt's integrator does not show; here they are shown, as "
