@@ -613,6 +613,12 @@ static const case_t cases[] = {
                             BALL("Translate 0.3 1.2 0\n", "0.9") INSIDE("", "m") LAMP_BALL "WorldEnd\n"},
     {"light that does not know of fog", ROOM_HEAD COLOURED("m", "0.3") STAGE LAMP
      "Material \"\"\n" INSIDE("m", "") BALL("Translate 0 1 0\n", "3.5") "WorldEnd\n"},
+    {"light that does not know of full glass", ROOM_HEAD COLOURED("m", "1") STAGE
+     "Material \"glass\" \"float uroughness\" [0.3] \"float vroughness\" [0.3] \"bool remaproughness\" "
+     "\"false\" \"float eta\" [1.3]\n" INSIDE("m", "") BALL("Translate 0.5 1.4 0\n", "0.9") INSIDE("", "")
+         LAMP_BALL "WorldEnd\n"},
+    {"light that does not know of fog without an end",
+     COLOURED("m", "0.2") INSIDE("", "m") ROOM_HEAD INSIDE("", "") STAGE LAMP "WorldEnd\n"},
     {"orthographic in fog", COLOURED("m", "0.2") INSIDE("", "m") LOOK
      "Camera \"orthographic\" \"float screenwindow\" [-1.8 1.8 -1 2.6]\n" FILM3 BOX3 SOBOL INSIDE("m", "m")
          STAGE LAMP

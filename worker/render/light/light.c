@@ -146,8 +146,18 @@ static void choose_lights(lights_t *lights)
     free(powers);
 }
 
-/* The medium that a light shines into which has a place: that on the near side of the interfaces, and
- * surfaces of bodies, that its light meets first, if all of them agree; otherwise what the scene says. */
+/* True for what light gets through into another medium: the sides of other surfaces say nothing, since
+ * nobody sees whether a sheet that stops light faces the right way. */
+static bool parts_media(const surface_t *surface)
+{
+    const blob_material_t *material = surface->material;
+    return surface_is_interface(surface) || material->body != 0 ||
+           (material->kind == MATERIAL_DIELECTRIC && surface->shape->flags & SHAPE_INTERFACE);
+}
+
+/* The medium that a light shines into which has a place: that on the near side of the interfaces, surfaces of
+ * bodies, and glass that is full, that its light meets first, if all of them agree; otherwise what the scene
+ * says. */
 static blob_ref_t medium_of(const light_t *light, uint32_t number)
 {
     enum { RAYS = 16 };
@@ -161,7 +171,7 @@ static blob_ref_t medium_of(const light_t *light, uint32_t number)
         vec2_t place = sampler_2d(&numbers), direction = sampler_2d(&numbers);
         if (!kinds[light->record->kind]->emit(light, choice, place, direction, &ray)) continue;
         if (!scene_intersect(light->scene, ray.origin, ray.direction, 0, &surface)) continue;
-        if (!surface_is_interface(&surface) && surface.material->body == 0) continue;
+        if (!parts_media(&surface)) continue;
         blob_ref_t near = surface.shape->media[v_dot(ray.direction, surface.ng) < 0];
         if (met && near != found) return light->medium;
         found = near;
@@ -170,13 +180,24 @@ static blob_ref_t medium_of(const light_t *light, uint32_t number)
     return found;
 }
 
+/* True when no shape parts media: the camera's is everywhere. */
+static bool is_of_one_medium(const scene_blob_t *blob)
+{
+    for (size_t i = 0; i < blob->counts[BLOB_SECTION_SHAPES]; i++)
+        if (blob->shapes[i].flags & SHAPE_INTERFACE || blob->materials[blob->shapes[i].material].body != 0)
+            return false;
+    return true;
+}
+
 /* A scene may say otherwise, or nothing; but what the camera sees of a light knows the interfaces alone, and
  * light subpaths must not know better. */
-static void find_media(lights_t *lights)
+static void find_media(lights_t *lights, const scene_blob_t *blob)
 {
+    bool one = is_of_one_medium(blob);
     for (uint32_t i = 0; i < lights->count; i++) {
         light_t *light = &lights->lights[i];
-        if (light->record->kind < LIGHT_DISTANT) light->medium = medium_of(light, i);
+        if (light->record->kind < LIGHT_DISTANT)
+            light->medium = one ? blob->scene->medium : medium_of(light, i);
         if (light->medium != light->record->medium)
             log_debug("light %u shines into medium %u, and not into %u, as its scene says", i, light->medium,
                       light->record->medium);
@@ -192,7 +213,7 @@ lights_t *lights_new(const scene_t *scene)
     lights->sky = mem_zalloc((size_t)lights->count + 1, sizeof *lights->sky);
     place_lights(lights, scene);
     choose_lights(lights);
-    if (blob->counts[BLOB_SECTION_MEDIA] > 0) find_media(lights);
+    if (blob->counts[BLOB_SECTION_MEDIA] > 0) find_media(lights, blob);
     return lights;
 }
 

@@ -70,7 +70,8 @@ static result_t read_alpha(pbrt_t *p, const shape_entry_t *entry, shape_work_t *
 /* Where the sides of the interface in force differ, the shape parts them. In pbrt a direction w lies outside
  * if dot(w, n) > 0, with the normal n where a ray hits: after ReverseOrientation exclusive-or a mirroring
  * transform, or on the side of a mesh's own normals. SHAPE_FLIP says the same of meshes and quadrics, but for
- * quadrics that emit and are mirrored, whose media change places. */
+ * quadrics that emit and are mirrored, whose media change places. Curves have no inside: what is about them
+ * goes on behind them. */
 static result_t part_media(pbrt_t *p, shape_work_t *work)
 {
     blob_ref_t media[2];
@@ -80,7 +81,7 @@ static result_t part_media(pbrt_t *p, shape_work_t *work)
     work->shape.media[inside] = media[0];
     work->shape.media[1 - inside] = media[1];
     if (work->inside_out) work->shape.flags |= SCENE_INSIDE_OUT;
-    if (media[0] != media[1]) work->shape.flags |= SHAPE_INTERFACE;
+    if (media[0] != media[1] && work->shape.kind != SHAPE_CURVES) work->shape.flags |= SHAPE_INTERFACE;
     return result_ok();
 }
 
@@ -90,11 +91,11 @@ static bool is_interface(const pbrt_t *p, const blob_shape_t *shape)
     return p->interface != 0 && shape->material == p->interface - 1;
 }
 
-/* A shape that is nothing but an interface is left out unless it parts media, which no curve does. */
+/* A shape that is nothing but an interface is left out unless it parts media. */
 static void settle_interface(pbrt_t *p, blob_shape_t *shape)
 {
-    bool parts = shape->flags & SHAPE_INTERFACE && shape->kind != SHAPE_CURVES;
-    if (shape->material == BLOB_NONE && parts) shape->material = pbrt_interface_material(p);
+    if (shape->material == BLOB_NONE && shape->flags & SHAPE_INTERFACE)
+        shape->material = pbrt_interface_material(p);
 }
 
 /* ---- light -------------------------------------------------------------------------------------------- */

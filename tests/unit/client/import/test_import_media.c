@@ -451,7 +451,9 @@ static void a_shape_parts_what_differs(void **state)
                     FOG MILK POINT_LIGHT SPHERE
                     "MediumInterface \"fog\" \"\"\n" SPHERE TRIANGLE "MediumInterface \"fog\"\n" SPHERE
                     "AttributeBegin\nMediumInterface \"milk\" \"fog\"\n" SPHERE "AttributeEnd\n" SPHERE
-                    "MediumInterface \"\" \"milk\"\n" SPHERE "MediumInterface \"\"\n");
+                    "MediumInterface \"\" \"milk\"\n" SPHERE
+                    "Shape \"curve\" \"string type\" \"cylinder\" \"point P\" [0 0 0 1 0 0 2 0 0 3 0 "
+                    "0]\nMediumInterface \"\"\n");
         expect_media(shape(&bench, 0), 0, 0);
         expect_media(shape(&bench, 1), 1, 0);
         expect_media(shape(&bench, 2), 1, 0);
@@ -459,6 +461,7 @@ static void a_shape_parts_what_differs(void **state)
         expect_media(shape(&bench, 4), 2, 1);
         expect_media(shape(&bench, 5), 0, 0); /* restored */
         expect_media(shape(&bench, 6), 0, 2);
+        expect_media(shape(&bench, 7), 0, 0); /* a curve has no inside */
         bench_close(&bench);
     }
 }
