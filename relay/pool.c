@@ -160,10 +160,12 @@ bool pool_empty(const pool_t *pool)
     return true;
 }
 
-size_t pool_job_bytes(const relay_job_t *job)
+size_t pool_bytes(const pool_t *pool)
 {
     size_t bytes = 0;
-    for (const parcel_t *parcel = job->parcels; parcel != NULL; parcel = parcel->next) bytes += parcel->bytes;
+    for (size_t i = 0; i < pool->job_count; i++)
+        for (const parcel_t *parcel = pool->jobs[i]->parcels; parcel != NULL; parcel = parcel->next)
+            bytes += parcel->bytes;
     return bytes;
 }
 

@@ -131,9 +131,9 @@ void pool_notify_over(pool_t *pool, const relay_job_t *job, bool flush);
 bool pool_job_empty(const relay_job_t *job);
 /* Nothing of any job is. */
 bool pool_empty(const pool_t *pool);
-/* Bytes of the parcels that wait. */
-size_t pool_job_bytes(const relay_job_t *job);
-/* Bytes that sums, or the tiles of one batch, may take. */
+/* Bytes of the parcels that wait, of all jobs. */
+size_t pool_bytes(const pool_t *pool);
+/* Bytes that these, or the tiles of one batch, may take. */
 uint64_t pool_bytes_limit(const pool_t *pool);
 /* What a worker has of a job is free again, or dropped if the job is over; returns the number of units. */
 size_t pool_take_back(relay_job_t *job, uint64_t worker);

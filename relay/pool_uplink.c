@@ -284,7 +284,7 @@ static void find_offer(const pool_t *pool, const relay_job_t *job, duty_t *duty)
     if (duty->kind != DUTY_NONE || parcel == NULL) return;
     double wait = parcel->since + pool->uplink_interval - clock_now();
     bool full = parcel->next != NULL || parcel->units >= PARCEL_READY_UNITS ||
-                parcel->bytes >= pool_bytes_limit(pool);
+                pool_bytes(pool) >= pool_bytes_limit(pool);
     if (wait <= 0 || full || job->hurry || nothing_coming(pool, job))
         set_offer(job, 0, parcel->bytes, duty);
     else if (wait < duty->wait)

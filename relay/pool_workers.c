@@ -366,9 +366,10 @@ static result_t wanted(void *self, double now, const batch_offer_t *offer)
     member_t *member = pool_find_member(pool, offer->worker);
     if (member != NULL) {
         result = check_wanted(pool, offer->job, offer->named ? &offer->content : NULL);
-        if (member->granted <= 0) member->delivered = now; /* as good as: it is we who make it wait */
+        bool waits = result.code == RESULT_OK && member->granted <= 0 && units_of(pool, member->id) > 0;
+        if (waits) member->delivered = now; /* as good as: it is we who make it wait */
     }
-    if (result.code == RESULT_OK && pool_job_bytes(pool_find_job(pool, offer->job)) >= pool_bytes_limit(pool))
+    if (result.code == RESULT_OK && pool_bytes(pool) >= pool_bytes_limit(pool))
         result = result_fail(RESULT_LIMIT, "the relay waits for its master");
     pool_unlock(pool);
     return result;

@@ -54,7 +54,7 @@ void checks_finish(checks_t *checks, unit_check_t *check, size_t unit, unit_resu
 {
     check->rendering--;
     if (result != NULL) {
-        batch_take_lessons(&check->batch, result); /* a megabyte, which tiles wait without */
+        batch_take_beside(&check->batch, result); /* megabytes, which tiles wait without */
         check->results[unit] = *result;
         *result = (unit_result_t){0};
         check->done++;
@@ -75,12 +75,9 @@ void checks_close(unit_check_t *check)
 
 uint64_t checks_bytes(const unit_check_t *check, const job_settings_t *settings)
 {
-    uint64_t tiles = 0, frames = 0;
-    for (size_t i = 0; i < check->count; i++) {
-        tiles += sum_unit_bytes(settings, &check->units[i]);
-        if (check->results[i].splat_count > 0) frames = sum_frame_bytes(settings);
-    }
-    return tiles + frames;
+    uint64_t tiles = 0;
+    for (size_t i = 0; i < check->count; i++) tiles += sum_unit_bytes(settings, &check->units[i]);
+    return tiles + (check->batch.sums[SUM_SPLAT].count > 0 ? sum_frame_bytes(settings) : 0);
 }
 
 unit_check_t *checks_complete(const checks_t *checks)

@@ -22,7 +22,7 @@ typedef struct {
     size_t done;            /* and are finished */
     bool under_way;         /* the batch is closed and being sent: nobody else touches it */
     bool dropped;           /* nobody wants it: it goes when nothing of it is rendering or under way */
-    batch_t batch;          /* lessons of what is finished; the rest comes by checks_close */
+    batch_t batch;          /* splats and lessons of what is finished; the rest comes by checks_close */
 } unit_check_t;
 
 /* Zeroed to begin with, freed when all were dropped and swept. */

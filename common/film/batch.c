@@ -227,12 +227,16 @@ static void append_sums(sum_array_t *sums, const sum_array_t *more)
     sums->count = count;
 }
 
-void batch_take_lessons(batch_t *batch, unit_result_t *result)
+void batch_take_beside(batch_t *batch, unit_result_t *result)
 {
+    add_splats(batch, result);
     add_lessons(batch, result);
     memset(result->taught, 0, sizeof result->taught);
+    free(result->splats);
     free(result->lessons);
+    result->splats = NULL;
     result->lessons = NULL;
+    result->splat_count = result->splat_capacity = 0;
 }
 
 void batch_add(batch_t *batch, const unit_result_t *result)

@@ -96,9 +96,9 @@ void batch_clear(batch_t *batch);
 void batch_free(batch_t *batch);
 /* Adds a finished unit, which in a job that learns lies within one pass. */
 void batch_add(batch_t *batch, const unit_result_t *result);
-/* Adds the lessons of a finished unit alone and frees their memory: a result that waits for batch_add is
- * smaller without. Lessons are sums of integers, so their order is of no account. */
-void batch_take_lessons(batch_t *batch, unit_result_t *result);
+/* Adds the splats and the lessons of a finished unit alone and frees their memory: a result that waits for
+ * batch_add is smaller without. They are sums of integers, so their order is of no account. */
+void batch_take_beside(batch_t *batch, unit_result_t *result);
 /* Adds a batch of the same job to a sum of batches: tiles one after the other, frames added. An addition that
  * would overflow is left out and counted, as in a film. */
 void batch_merge(batch_t *sum, const batch_t *more);

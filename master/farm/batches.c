@@ -111,7 +111,8 @@ result_t farm_batch_wanted(farm_t *farm, double now, uint64_t worker, uint64_t i
         result = unknown_job(id);
     } else {
         result = check_offer(farm, job, sender);
-        sender->offered = now;
+        bool holds = job->schedule != NULL && schedule_held(job->schedule, worker) > 0;
+        if (holds && (result.code == RESULT_OK || result.code == RESULT_LIMIT)) sender->offered = now;
     }
     farm_unlock(farm);
     return result;
@@ -131,7 +132,7 @@ static void refuse(farm_t *farm, job_t *job, worker_t *worker, const unit_t *uni
     job->kept.batches_refused++;
     if (worker != NULL) {
         worker->batches_refused++;
-        worker->offered = worker->granted = 0;
+        worker->offered = 0;
         if (job->schedule != NULL)
             farm_count_reissued(job, worker, schedule_release_units(job->schedule, worker->id, units, count));
     }

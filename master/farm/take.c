@@ -12,9 +12,9 @@
  * time that the holder is expected to take from now. (One that is late by so many seconds is expected to take
  * as many again.) The first result wins; the factor of two keeps units from going to and fro between equals.
  *
- * At the end of a pass (common/film/learning.h) nobody is overtaken. It comes when workers hold a second of
- * work each, and most of what is missing is on its way: hundreds of idle workers would render it again, and
- * each that comes second loses a batch.
+ * At the end of a pass (common/film/learning.h) nobody is overtaken who is expected to deliver soon. It comes
+ * when workers hold a second of work each, and most of what is missing is on its way: hundreds of idle
+ * workers would render it again, and each that comes second loses a batch.
  *
  * A batch counts whole or not at all, so whoever comes second loses what else is in its batch. That is why
  * not some of a straggler's units are taken, but all.
@@ -33,6 +33,8 @@ enum {
     OFFER_SECONDS = 30, /* for which a worker that has offered a batch is left alone: we make it wait, */
     GRANT_SECONDS = 60, /* until so long after it was first let send it, however often it offers it again, */
     HURRY_GRANT = 2,    /* or only so long when somebody is idle who would be sooner: its link is thin */
+    SOON_BATCHES = 2,   /* batch intervals in which others have to deliver at the end of a pass */
+    GAP_BATCHES = 12,   /* batch intervals that may lie between two batches, as far as patience goes */
     MAX_KINDS = 32      /* kinds of bits that are told apart */
 };
 static const double UNIT_SECONDS = 0.4;  /* of one thread, in what a worker calls a good unit */
@@ -52,14 +54,15 @@ typedef struct {
 } kind_t;
 
 /* The kinds of workers that ask for work, without those who were given units and did not deliver; returns how
- * many. */
+ * many. (Who asks for none, or has not asked for long, keeps no job from others.) */
 static size_t list_kinds(const farm_t *farm, double now, kind_t kinds[MAX_KINDS])
 {
     size_t count = 0;
     for (size_t i = 0; i < farm->worker_count; i++) {
         const worker_t *worker = &farm->workers[i];
         size_t k = 0;
-        if (worker->lapsed || !farm_worker_asks(farm, now, worker, FARM_LOAD_BATCHES)) continue;
+        bool wants = worker->wanted >= now - farm_patience(farm, FARM_ASK_BATCHES);
+        if (worker->lapsed || !worker->connected || !worker->reached || !wants) continue;
         while (k < count && !hash_equal(&kinds[k].one->fingerprint, &worker->fingerprint)) k++;
         if (k == MAX_KINDS) continue;
         if (k == count) kinds[count++] = (kind_t){.one = worker};
@@ -170,7 +173,7 @@ void farm_worker_delivered(farm_t *farm, double now, worker_t *worker, job_t *jo
     worker->rated_seconds = worker->rated_seconds * decay + fmax(seconds, 0);
     worker->speed = worker->rated_seconds > 0 ? worker->rated_samples / worker->rated_seconds : 0;
     worker->speed_job = job->kept.job;
-    worker->gap = fmax(seconds, GAP_DECAY * worker->gap);
+    worker->gap = fmin(fmax(seconds, GAP_DECAY * worker->gap), GAP_BATCHES * farm->options.batch_interval);
     double transfer = worker->granted > 0 ? now - worker->granted : 0;
     worker->transfer = fmax(transfer, GAP_DECAY * worker->transfer);
     worker->delivered = now;
@@ -214,6 +217,18 @@ static bool is_sooner(const farm_t *farm, double now, const worker_t *idle, doub
     return expected(farm, now, holder) > HURRY * (own + holder->held) / speed + HURRY_SECONDS;
 }
 
+/* True when the idle worker is to have what another holds, though that one is not late. At the end of a pass
+ * the holder may be the only one that was measured: nothing is told from its speed of the idle one's then. */
+static bool overtakes(const farm_t *farm, double now, const job_t *job, const worker_t *idle,
+                      const worker_t *holder)
+{
+    bool pass_ends = schedule_goes_on(job->schedule);
+    bool measured = idle->speed > 0 && idle->speed_job == job->kept.job;
+    if (pass_ends && expected(farm, now, holder) < SOON_BATCHES * farm->options.batch_interval) return false;
+    return (pass_ends && !measured) ||
+           is_sooner(farm, now, idle, speed_at(farm, idle, job->kept.job), holder);
+}
+
 /* True when a worker has a batch that it is not let send yet, or for less than `seconds`. */
 static bool made_to_wait(double now, const worker_t *worker, double seconds)
 {
@@ -224,8 +239,6 @@ static bool made_to_wait(double now, const worker_t *worker, double seconds)
 /* Takes back from the slow ones what they hold of one job, and all else; returns how many units. */
 static size_t recall_from(farm_t *farm, double now, const worker_t *idle, const job_t *job)
 {
-    double speed = speed_at(farm, idle, job->kept.job);
-    bool pass_ends = schedule_goes_on(job->schedule);
     size_t units = 0;
     for (size_t i = 0; i < farm->worker_count; i++) {
         worker_t *worker = &farm->workers[i];
@@ -235,7 +248,7 @@ static size_t recall_from(farm_t *farm, double now, const worker_t *idle, const 
         bool late = now - worker->delivered > trust_patience(farm, worker, idle);
         bool known = late && worker->batches > 0;
         if (made_to_wait(now, worker, known ? GRANT_SECONDS : HURRY_GRANT)) continue;
-        if (!late && (pass_ends || !is_sooner(farm, now, idle, speed, worker))) continue;
+        if (!late && !overtakes(farm, now, job, idle, worker)) continue;
         double silent = now - worker->delivered;
         if (late) trust_lapsed(farm, now, worker);
         size_t recalled = farm_worker_take_back(farm, now, worker);
@@ -380,6 +393,7 @@ result_t farm_take(farm_t *farm, double now, const identity_t *identity, uint64_
     schedule_wish_t wish = {
         .worker = id, .samples = samples, .unit_samples = unit_samples, .threads = worker->threads};
     worker->asked = now;
+    if (samples > 0) worker->wanted = now;
     if (farm_worker_units(farm, worker) == 0) worker->quarantine = 0;
     worker->begins = in_largest_kind(farm, now, worker);
     bool waits = take_from_jobs(farm, now, worker, &wish, work);

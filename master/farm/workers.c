@@ -84,12 +84,19 @@ void farm_cast_out(farm_t *farm, double now)
     farm->cast_out = false;
 }
 
+/* True when two are one process: a machine that starts a new one under the same name (a container does) has
+ * lost the one before. */
+static bool is_same_process(const worker_t *a, const worker_t *b)
+{
+    return a->source == b->source && a->process == b->process;
+}
+
 /* True when the process is connected under another number: it lost its connection, not its life. */
 static bool is_back(const farm_t *farm, const worker_t *worker)
 {
     for (size_t i = 0; i < farm->worker_count; i++) {
         const worker_t *other = &farm->workers[i];
-        if (other != worker && other->connected && other->source == worker->source &&
+        if (other != worker && other->connected && is_same_process(other, worker) &&
             other->joined > worker->last_seen)
             return true;
     }
@@ -213,7 +220,7 @@ size_t farm_drain(farm_t *farm, const char *wanted)
 static bool was_drained(const farm_t *farm, const worker_t *joins)
 {
     for (size_t i = 0; i < farm->worker_count; i++)
-        if (farm->workers[i].drained && farm->workers[i].source == joins->source &&
+        if (farm->workers[i].drained && is_same_process(&farm->workers[i], joins) &&
             farm->workers[i].id != joins->id)
             return true;
     return false;
@@ -240,17 +247,32 @@ static worker_t make_worker(double now, const identity_t *identity, const worker
     worker_t worker = {.identity = *identity,
                        .threads = hello->threads > 0 ? hello->threads : 1,
                        .fingerprint = hello->fingerprint,
+                       .process = hello->process,
                        .relay = hello->relay,
                        .connected = true,
                        .joined = now,
                        .last_seen = now,
-                       .asked = now};
+                       .asked = now,
+                       .wanted = now};
     /* Those who do not say make a group of their own. */
     if (hash_is_zero(&worker.fingerprint)) memset(&worker.fingerprint, 0xFF, sizeof worker.fingerprint);
     snprintf(worker.name, sizeof worker.name, "%s", hello->name[0] != '\0' ? hello->name : "(no name)");
     snprintf(worker.key, sizeof worker.key, "%s", hello->key);
     snprintf(worker.address, sizeof worker.address, "%s", hello->address != NULL ? hello->address : "");
     return worker;
+}
+
+/* A connection that says hello again has one number, the new one, unless work is bound to the old one. Else
+ * one that does nothing else would fill the list. */
+static void supersede(farm_t *farm, double now, const identity_t *identity)
+{
+    for (size_t i = 0; identity->size > 0 && i < farm->worker_count; i++) {
+        worker_t *worker = &farm->workers[i];
+        bool same = worker->identity.size == identity->size &&
+                    memcmp(worker->identity.bytes, identity->bytes, identity->size) == 0;
+        if (same && worker->connected && worker->batches == 0 && farm_worker_units(farm, worker) == 0)
+            disconnect(farm, now, worker, "says hello again");
+    }
 }
 
 result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const worker_hello_t *hello,
@@ -260,6 +282,7 @@ result_t farm_hello(farm_t *farm, double now, const identity_t *identity, const 
     farm_lock(farm);
     result_t result = check_threads(&joins);
     if (result.code == RESULT_OK) result = trust_admit(farm, now, &joins);
+    if (result.code == RESULT_OK) supersede(farm, now, identity);
     worker_t *worker = result.code == RESULT_OK ? worker_add(farm, &joins) : NULL;
     if (result.code == RESULT_OK && worker == NULL)
         result = result_fail(RESULT_LIMIT, "this master has %d workers already", FARM_MAX_WORKERS);

@@ -26,19 +26,21 @@ typedef struct {
     identity_t identity;
     uint32_t threads;
     bool connected;
-    bool limited;    /* it is to be given more when it has delivered */
-    bool lapsed;     /* it lost units that it had not delivered, and has delivered none since */
-    bool reached;    /* it reaches the bulk socket; before that it gets no work */
-    bool idle;       /* was told that there is no work */
-    bool begins;     /* no other machines that make the same bits have more threads, so it may begin jobs */
-    bool drained;    /* it is to leave: it is given nothing more */
-    bool outcast;    /* put aside: nothing of it is taken any more */
-    bool charged;    /* that it died is held against its party */
-    bool fell;       /* it fell silent, which is held for its death until it is heard of again */
-    uint64_t party;  /* who is judged for what it does (trust/standing.c) */
-    uint64_t source; /* the process, of all of the party */
+    bool limited;     /* it is to be given more when it has delivered */
+    bool lapsed;      /* it lost units that it had not delivered, and has delivered none since */
+    bool reached;     /* it reaches the bulk socket; before that it gets no work */
+    bool idle;        /* was told that there is no work */
+    bool begins;      /* no other machines that make the same bits have more threads, so it may begin jobs */
+    bool drained;     /* it is to leave: it is given nothing more */
+    bool outcast;     /* put aside: nothing of it is taken any more */
+    bool charged;     /* that it died is held against its party */
+    bool fell;        /* it fell silent, which is held for its death until it is heard of again */
+    uint64_t party;   /* who is judged for what it does (trust/standing.c) */
+    uint64_t source;  /* the name, of all of the party */
+    uint64_t process; /* number of the process, as it says; 0: it does not */
     double joined, last_seen; /* seconds */
     double asked;             /* seconds, when it last asked for work, or joined */
+    double wanted;            /* seconds, when it last asked for some, or joined */
     double delivered;         /* seconds, when it last sent a batch, or was given units and had none */
     double held;              /* pixel samples that it was given and has not delivered, as far as is known */
     double speed;             /* pixel samples a second that it delivers; 0: not measured */

@@ -271,10 +271,15 @@ bool checks_waiting(const job_t *job)
     return false;
 }
 
+/* The speed and what it holds are in a worker's hands: it has no longer than the fastest one would need, or
+ * FIT_SECONDS. */
 static double deadline(const farm_t *farm, double now, const check_t *check, const worker_t *worker)
 {
-    double interval = farm->options.batch_interval;
+    double interval = farm->options.batch_interval, fastest = 0;
     double seconds = worker->speed > 0 ? (worker->held + check->samples) / worker->speed : 0;
+    for (size_t i = 0; i < farm->worker_count; i++)
+        if (farm->workers[i].connected) fastest = fmax(fastest, farm->workers[i].speed);
+    if (fastest > 0) seconds = fmin(seconds, fmax(check->samples / fastest, FIT_SECONDS));
     return now + fmax(SLACK * (seconds + interval), STALL_BATCHES * interval);
 }
 

@@ -43,6 +43,7 @@ static result_t admit(control_server_t *control, const wire_message_t *message, 
                            .key = message->key,
                            .address = message->address,
                            .threads = hello->threads,
+                           .process = hello->process,
                            .relay = hello->relay};
     if (hello->protocol_version != WIRE_VERSION)
         return result_fail(RESULT_PROTOCOL,

@@ -30,6 +30,7 @@ typedef struct {
     const char *address; /* of its host; empty or NULL in the same process */
     uint32_t threads;
     hash_t fingerprint; /* of its bits; all zero: it has not said */
+    uint64_t process;   /* a number of the process alone; 0: it has not said */
     bool relay;
 } worker_hello_t;
 

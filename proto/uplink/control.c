@@ -28,6 +28,7 @@
 #include "common/address.h"
 #include "common/wake.h"
 
+#include <sodium.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -289,6 +290,7 @@ static char *host_and_process(void)
 result_t control_run(const control_setup_t *setup, const atomic_int *stop)
 {
     control_t control = {.setup = *setup, .phase = PHASE_RESTING, .backoff = FIRST_BACKOFF};
+    while (control.process == 0) randombytes_buf(&control.process, sizeof control.process);
     char *name = setup->name == NULL ? host_and_process() : NULL;
     if (name != NULL) control.setup.name = name;
     while (control.fatal.code == RESULT_OK) {

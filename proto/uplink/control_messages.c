@@ -33,6 +33,7 @@ void control_send_hello(control_t *control)
     hello.name = (char *)control->setup.name;
     hello.threads = state.threads;
     hello.relay = control->setup.relay;
+    hello.process = control->process;
     if (!hash_is_zero(&control->said)) hello.fingerprint = wire_hash_put(&control->said);
     log_unsent("a hello", send_body(control, &WIRE_ENVELOPE(HELLO, hello, &hello)));
 }

@@ -20,6 +20,7 @@ typedef struct {
     double deadline; /* DIALLING, RESTING: when to dial again */
     double backoff;
     uint64_t request;       /* the last number used */
+    uint64_t process;       /* random: another one has another */
     bool was_up;            /* there was a welcome before, */
     char key[KEY_TEXT + 1]; /* to this key of ours */
     hash_t said;            /* the fingerprint in the last Hello */

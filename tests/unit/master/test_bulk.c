@@ -108,7 +108,7 @@ static int tear_down(void **state)
 
 static void hello(test_t *t, sender_t *sender)
 {
-    static const identity_t nobody = {{0}, 1};
+    static const identity_t nobody = {{0}, 0};
     worker_hello_t said = {.name = "w", .key = "", .threads = 1};
     must(farm_hello(t->farm, clock_now(), &nobody, &said, &sender->worker));
     must(farm_worker_reached(t->farm, clock_now(), sender->worker));
@@ -119,7 +119,7 @@ static void hello(test_t *t, sender_t *sender)
 /* Takes some units, and renders them. */
 static void work(test_t *t, sender_t *sender)
 {
-    static const identity_t nobody = {{0}, 1};
+    static const identity_t nobody = {{0}, 0};
     unit_t *units = mem_alloc(WIRE_MAX_UNITS * sizeof *units);
     work_t work = {.units = units, .issues = sender->issues};
     must(farm_take(t->farm, clock_now(), &nobody, sender->worker, 0, 10000, 5000, &work));

@@ -248,7 +248,7 @@ static void a_worker_in_the_process_is_believed(void **state)
     begin(&trial);
     worker_hello_t hello = {.name = "here", .key = "", .address = "", .threads = 1};
     uint64_t worker;
-    const identity_t nobody = {{0}, 1};
+    const identity_t nobody = {{0}, 0};
     assert_int_equal(farm_hello(trial.farm, trial.now, &nobody, &hello, &worker).code, RESULT_OK);
     assert_int_equal(farm_worker_reached(trial.farm, trial.now, worker).code, RESULT_OK);
     toy_work_t work = toy_take(trial.farm, trial.now, worker, 1 << 11, 1 << 9);

@@ -10,7 +10,7 @@
 
 #include <cmocka.h>
 
-static const identity_t nobody = {{0}, 1};
+static const identity_t nobody = {{0}, 0};
 
 static int set_up(void **state)
 {

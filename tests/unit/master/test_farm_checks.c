@@ -569,6 +569,36 @@ static void who_hangs_is_not_waited_for(void **state)
     end(&trial);
 }
 
+/* The only other worker seems to be very slow, and keeps what it was to compare: it has no longer than a
+ * quick one would need. */
+static void who_seems_slow_keeps_no_comparison_for_long(void **state)
+{
+    (void)state;
+    trial_t trial;
+    begin(&trial, 1);
+    uint64_t slow = toy_join(trial.farm, trial.now, "slow", 1, 0);
+    toy_work_t work = toy_take(trial.farm, trial.now, slow, 1 << 9, 1 << 9);
+    for (int i = 0; i < 1000; i++, trial.now += 1) {
+        assert_true(toy_beat(trial.farm, trial.now, slow));
+        farm_tick(trial.farm, trial.now);
+    }
+    assert_int_equal(toy_deliver_work(trial.farm, trial.now, slow, &work, 0).code, RESULT_OK);
+    add_actor(&trial, "a", HONEST);
+    for (work.check = 0; work.check == 0 && trial.now < 1100;) {
+        step(&trial);
+        work = toy_take(trial.farm, trial.now, slow, 1, 1 << 9);
+    }
+    assert_int_not_equal(work.check, 0);
+    double begun = trial.now;
+    for (int i = 0; i < 4000 && !is_over(&trial); i++) {
+        assert_true(toy_beat(trial.farm, trial.now, slow));
+        step(&trial);
+    }
+    check_result(&trial);
+    assert_true(trial.now - begun < 2000);
+    end(&trial);
+}
+
 /* A batch with wrong sums is being compared when a right one of the same worker, a later one, passes. */
 static void a_later_pass_does_not_vouch_for_a_lie(void **state)
 {
@@ -1136,6 +1166,7 @@ int main(void)
         cmocka_unit_test(a_process_of_a_party_is_put_aside_alone),
         cmocka_unit_test(a_single_worker_holds_nothing_up),
         cmocka_unit_test(who_hangs_is_not_waited_for),
+        cmocka_unit_test(who_seems_slow_keeps_no_comparison_for_long),
         cmocka_unit_test(a_later_pass_does_not_vouch_for_a_lie),
         cmocka_unit_test(what_nobody_asked_for_is_not_decoded),
         cmocka_unit_test(a_pass_says_nothing_of_what_comes_later),

@@ -57,6 +57,15 @@ static void pass(farm_t *farm, double *now, double seconds, const uint64_t *work
     }
 }
 
+/* A process says hello that has a number. */
+static uint64_t join_process(farm_t *farm, double now, const char *name, uint64_t process)
+{
+    uint64_t worker;
+    worker_hello_t hello = {.name = name, .threads = 1, .process = process};
+    assert_int_equal(toy_say_hello(farm, now, hello, &worker).code, RESULT_OK);
+    return worker;
+}
+
 static worker_report_t find_worker(farm_t *farm, double now, const char *name)
 {
     size_t count;
@@ -244,6 +253,27 @@ static void nobody_is_overtaken_at_the_end_of_a_pass(void **state)
     assert_true(toy_report(farm, now, job).record.units_reissued > 0);
 }
 
+/* But one that would take minutes is, though it never is late, and nobody else was measured. */
+static void who_delivers_by_drops_is_overtaken_at_the_end_of_a_pass(void **state)
+{
+    farm_t *farm = *state;
+    job_settings_t settings = toy_settings();
+    settings.spp = 16;
+    settings.learn = true;
+    uint64_t job = toy_submit(farm, 0, &settings, 0), drops = toy_join(farm, 0, "drops", 1, 0);
+    toy_work_t all = take_all(farm, 0, drops), one = all;
+    uint64_t idle = toy_join(farm, 0, "idle", 1, 0), alive[] = {drops, idle};
+    double now = 0;
+    assert_true(all.count >= 4);
+    for (size_t i = 0; i < 2; i++) {
+        pass(farm, &now, i == 0 ? 4 : 20, alive, 2);
+        one.units[0] = all.units[i];
+        one.count = 1;
+        assert_int_equal(deliver(farm, now, drops, &one).code, RESULT_OK);
+    }
+    assert_int_equal(take_one(farm, now + 1, idle).job, job);
+}
+
 /* A worker delivers what it had lost, and then stalls with more: that goes to others, too. */
 static void who_delivered_once_and_stalls_loses_its_units(void **state)
 {
@@ -266,22 +296,48 @@ static void who_delivered_once_and_stalls_loses_its_units(void **state)
     assert_int_equal(toy_state(farm, now, next), JOB_FINISHING);
 }
 
-/* Batches that wait to be let in are nobody's fault; those that never come though they were, are. */
+/* However long a worker once took from one batch to the next: patience has a bound. */
+static void who_was_slow_once_is_not_waited_for_twice_as_long(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t job = submit(farm, 4), slow = toy_join(farm, 0, "slow", 1, 0);
+    toy_work_t all = take_all(farm, 0, slow), one = all;
+    double now = 0;
+    one.count = 1;
+    pass(farm, &now, 1000, &slow, 1);
+    assert_int_equal(deliver(farm, now, slow, &one).code, RESULT_OK);
+    uint64_t idle = toy_join(farm, now, "idle", 1, 0), alive[] = {slow, idle};
+    pass(farm, &now, 200, alive, 2);
+    assert_int_equal(take_one(farm, now, idle).job, 0);
+    pass(farm, &now, 60, alive, 2);
+    assert_int_equal(take_one(farm, now, idle).job, job);
+}
+
+/* Batches that wait to be let in are nobody's fault. Those that never come though they were, or that are
+ * refused again and again, are; and so are those of a job that is over. */
 static void who_offers_for_ever_loses_its_units(void **state)
 {
-    for (int granted = 0; granted < 2; granted++) {
+    enum { WAITS, IS_GRANTED, IS_REFUSED, IS_OVER, WAYS };
+    for (int way = 0; way < WAYS; way++) {
         farm_t *farm = *state;
-        uint64_t job = submit(farm, 4), offers = toy_join(farm, 0, "offers", 1, 0), idle;
+        uint64_t over = submit(farm, 4), job = submit(farm, 4), offers = toy_join(farm, 0, "offers", 1, 0);
+        assert_int_equal(toy_order(farm, 0, over, ORDER_CANCEL).code, RESULT_OK);
         double now = 0;
-        take_all(farm, now, offers);
-        idle = toy_join(farm, now, "idle", 1, 0);
-        uint64_t alive[] = {offers, idle};
+        toy_work_t all = take_all(farm, now, offers), counted = all;
+        assert_int_equal(all.job, job);
+        counted.count = 1;
+        assert_int_equal(deliver(farm, now, offers, &counted).code, RESULT_OK);
+        uint64_t idle = toy_join(farm, now, "idle", 1, 0), alive[] = {offers, idle};
         for (int i = 0; i < 20; i++) {
-            assert_int_equal(farm_batch_wanted(farm, now, offers, job).code, RESULT_OK);
-            if (granted == 1) farm_batch_granted(farm, now, offers);
+            farm_batch_wanted(farm, now, offers, way == IS_OVER ? over : job);
+            if (way == IS_GRANTED || way == IS_REFUSED) farm_batch_granted(farm, now, offers);
+            if (way == IS_REFUSED && i % 3 == 2) {
+                assert_int_not_equal(deliver(farm, now, offers, &counted).code, RESULT_OK);
+                farm_batch_wanted(farm, now, offers, job);
+            }
             pass(farm, &now, 15, alive, 2);
         }
-        assert_int_equal(take_one(farm, now, idle).job, granted == 1 ? job : 0);
+        assert_int_equal(take_one(farm, now, idle).job, way == WAITS ? 0 : job);
         farm_destroy((farm_t **)state);
         *state = toy_farm(false);
     }
@@ -356,6 +412,41 @@ static void a_job_belongs_to_the_machines_with_the_same_bits(void **state)
 }
 
 /* Who begins a job and leaves with nothing counted takes nothing with it. */
+/* Most threads decide whose bits a job is made of, but only theirs who want work. */
+static void who_asks_for_nothing_keeps_no_job_from_others(void **state)
+{
+    farm_t *farm = *state;
+    uint64_t few = toy_join(farm, 0, "few", 2, 1), loud = toy_join(farm, 0, "loud", 4000, 2);
+    uint64_t alive[] = {few, loud};
+    double now = 0;
+    for (int i = 0; i < 15; i++) {
+        toy_take(farm, now, loud, 0, 1);
+        take_one(farm, now, few);
+        pass(farm, &now, 10, alive, 2);
+    }
+    uint64_t job = submit(farm, 8);
+    toy_take(farm, now, loud, 0, 1);
+    assert_int_equal(take_one(farm, now, few).job, job);
+}
+
+/* One that says hello again and again does not fill the list. */
+static void a_connection_has_one_number(void **state)
+{
+    farm_t *farm = *state;
+    worker_hello_t hello = {.name = "many", .key = "", .threads = 1};
+    identity_t one = {{1}, 1}, other = {{2}, 1};
+    uint64_t worker, job = submit(farm, 4);
+    assert_int_equal(farm_hello(farm, 0, &other, &hello, &worker).code, RESULT_OK);
+    assert_int_equal(farm_worker_reached(farm, 0, worker).code, RESULT_OK);
+    toy_work_t work = take_one(farm, 0, worker);
+    assert_int_equal(work.job, job);
+    uint64_t again;
+    for (int i = 0; i < FARM_MAX_WORKERS + 10; i++)
+        assert_int_equal(farm_hello(farm, 0, &one, &hello, &again).code, RESULT_OK);
+    assert_int_equal(farm_hello(farm, 0, &other, &hello, &again).code, RESULT_OK);
+    assert_int_equal(deliver(farm, 0, worker, &work).code, RESULT_OK); /* work was bound to its old number */
+}
+
 static void a_job_with_nothing_counted_is_free(void **state)
 {
     farm_t *farm = *state;
@@ -697,6 +788,27 @@ static void a_machine_that_dies_of_everything_leaves_nothing_out(void **state)
     assert_true(deaths >= FARM_MAX_FAILURES);
 }
 
+/* A container that is started again has the name, and the process number, of the one that died. */
+static void a_process_that_begins_anew_has_died(void **state)
+{
+    for (uint64_t anew = 0; anew < 2; anew++) {
+        farm_t *farm = *state;
+        uint64_t job = submit(farm, 4), box = join_process(farm, 0, "box:1", 1);
+        double now = 0;
+        for (uint64_t i = 1; i < 3; i++) {
+            take_one(farm, now, box);
+            pass(farm, &now, 1, NULL, 0);
+            box = join_process(farm, now, "box:1", 1 + i * anew);
+            pass(farm, &now, 8, &box, 1);
+        }
+        const char *remark =
+            strstr(toy_report(farm, now, job).record.message, "1 units that workers died with");
+        assert_true((remark != NULL) == (anew == 1));
+        farm_destroy((farm_t **)state);
+        *state = toy_farm(false);
+    }
+}
+
 /* A worker that was held for dead, and is not: its units are above suspicion again. */
 static void who_is_heard_of_again_did_not_die(void **state)
 {
@@ -856,6 +968,8 @@ static void a_drained_worker_gets_nothing_more_and_is_asked_to_leave(void **stat
     assert_int_equal(farm_drain(farm, "node-1"), 2); /* all of the host */
     assert_int_equal(take_one(farm, 1, other).job, 0);
     assert_int_equal(take_one(farm, 1, toy_join(farm, 1, "node-1:9", 1, 0)).job, job); /* a new process */
+    /* Also under an old name, as that of a container is. */
+    assert_int_equal(take_one(farm, 1, join_process(farm, 1, "node-1:7", 2)).job, job);
 }
 
 static size_t workers_listed(farm_t *farm, double now)
@@ -927,7 +1041,13 @@ int main(void)
         WITH_FARM(deadlines_follow_the_speed),
         WITH_FARM(who_has_work_of_its_own_takes_over_later),
         cmocka_unit_test_setup_teardown(nobody_is_overtaken_at_the_end_of_a_pass, set_up_roomy, tear_down),
+        cmocka_unit_test_setup_teardown(who_delivers_by_drops_is_overtaken_at_the_end_of_a_pass, set_up_roomy,
+                                        tear_down),
+        WITH_FARM(who_asks_for_nothing_keeps_no_job_from_others),
+        WITH_FARM(a_connection_has_one_number),
+        WITH_FARM(a_process_that_begins_anew_has_died),
         WITH_FARM(who_delivered_once_and_stalls_loses_its_units),
+        WITH_FARM(who_was_slow_once_is_not_waited_for_twice_as_long),
         WITH_FARM(who_offers_for_ever_loses_its_units),
         WITH_FARM(units_are_reclaimed),
         WITH_FARM(a_job_belongs_to_the_machines_with_the_same_bits),

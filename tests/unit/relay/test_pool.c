@@ -47,14 +47,12 @@ static uint64_t hello(test_t *t, const char *name)
     return hello_from(t, name, NULL);
 }
 
-static int set_up(void **state)
+/* A pool with so many bytes of memory, and two workers. */
+static void open_pool(test_t *t, uint64_t memory)
 {
-    test_t *t = mem_zalloc(1, sizeof *t);
-    log_init("test", LOG_ERROR);
-    t->bulk_wake = eventfd(0, EFD_NONBLOCK);
     pool_options_t options = {.lease = 1000,
                               .batch_interval = INTERVAL,
-                              .memory = (uint64_t)1 << 30,
+                              .memory = memory,
                               .control_wake = -1,
                               .bulk_wake = t->bulk_wake,
                               .notice_wake = -1,
@@ -62,14 +60,22 @@ static int set_up(void **state)
     t->pool = pool_new(&options);
     t->handler = pool_uplink(t->pool);
     t->serve = pool_serve(t->pool);
+    t->ada = hello(t, "ada");
+    t->bob = hello(t, "bob");
+}
+
+static int set_up(void **state)
+{
+    test_t *t = mem_zalloc(1, sizeof *t);
+    log_init("test", LOG_ERROR);
+    t->bulk_wake = eventfd(0, EFD_NONBLOCK);
+    open_pool(t, (uint64_t)1 << 30);
     t->settings = job_settings_default();
     t->settings.learn = false;
     t->settings.width = t->settings.height = 64;
     t->blob = hash_bytes("blob", 4);
     t->units = mem_alloc(WIRE_MAX_UNITS * sizeof *t->units);
     t->issues = mem_alloc(WIRE_MAX_UNITS * sizeof *t->issues);
-    t->ada = hello(t, "ada");
-    t->bob = hello(t, "bob");
     *state = t;
     return 0;
 }
@@ -258,6 +264,36 @@ static void who_is_made_to_wait_keeps_its_units(void **state)
         assert_int_equal(take(t, now, t->bob, MUCH), 0);
     }
     assert_int_equal(take(t, now + 10 * INTERVAL, t->bob, MUCH), 1);
+}
+
+/* So does one that offers batches of a job that is not here. */
+static void who_offers_what_is_not_wanted_loses_its_units(void **state)
+{
+    test_t *t = *state;
+    const unit_t unit = {0, 0, 4};
+    const batch_offer_t offer = {.worker = t->ada, .job = JOB + 1};
+    double now = 0;
+    begin(t, &unit, 1);
+    assert_int_equal(take(t, now, t->ada, MUCH), 1);
+    for (; now < 20 * INTERVAL; now += INTERVAL)
+        assert_int_not_equal(t->serve.calls->wanted(t->pool, now, &offer).code, RESULT_OK);
+    assert_int_equal(take(t, now, t->bob, MUCH), 1);
+}
+
+/* Sums of all jobs have one bound. */
+static void sums_of_one_job_keep_others_waiting(void **state)
+{
+    test_t *t = *state;
+    const unit_t units[] = {{0, 0, 1}, {1, 0, 1}};
+    pool_destroy(&t->pool);
+    open_pool(t, 1 << 20);
+    begin(t, units, 2);
+    assign_job(t, JOB + 1, &t->blob, 4, units, 2);
+    assert_int_equal(take(t, 0, t->ada, MUCH), 2);
+    const batch_offer_t offer = {.worker = t->bob, .job = JOB + 1};
+    assert_int_equal(t->serve.calls->wanted(t->pool, 0, &offer).code, RESULT_OK);
+    for (int i = 0; i < 2; i++) assert_int_equal(render(t, t->ada, &units[i], 1).code, RESULT_OK);
+    assert_int_equal(t->serve.calls->wanted(t->pool, 0, &offer).code, RESULT_LIMIT);
 }
 
 static void who_asks_for_nothing_gets_nothing(void **state)
@@ -640,6 +676,8 @@ int main(void)
         POOL(what_the_master_would_refuse_is_refused_here),
         POOL(a_scene_goes_to_the_job_that_it_is_of),
         POOL(who_is_made_to_wait_keeps_its_units),
+        POOL(who_offers_what_is_not_wanted_loses_its_units),
+        POOL(sums_of_one_job_keep_others_waiting),
         POOL(who_asks_for_nothing_gets_nothing),
         POOL(a_stranger_delivers_nothing),
         POOL(units_that_are_not_of_the_job_are_refused),

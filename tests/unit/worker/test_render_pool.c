@@ -313,8 +313,9 @@ static void samples_in_hand_are_not_rendered_again(void **state)
     sent(b, &closed);
 }
 
-/* What waits for the rest of its check has no lessons of its own: those would be a megabyte a unit. */
-static void a_check_keeps_lessons_once(void **state)
+/* What waits for the rest of its check has no lessons and no splats of its own: those would be megabytes a
+ * unit. */
+static void a_check_keeps_lessons_and_splats_once(void **state)
 {
     bench_t *b = *state;
     enum { UNITS = 3 };
@@ -334,14 +335,21 @@ static void a_check_keeps_lessons_once(void **state)
             unit_result_t result = {0};
             unit_result_reset(&result, &settings, &units[i]);
             for (size_t place = 0; place < 5; place++) unit_result_teach(&result, place, i + place);
+            result.splats = mem_zalloc(1, sizeof *result.splats);
+            result.splats[0] = (splat_t){.pixel = (uint32_t)i, .rgb = {1, 2, (float)i}};
+            result.splat_count = result.splat_capacity = 1;
             if (twice == 0) checks_finish(&checks, check, i, &result);
             if (twice == 1) batch_add(&plain, &result);
             unit_result_free(&result);
         }
         assert_null(check->results[i].lessons);
+        assert_null(check->results[i].splats);
     }
     unit_check_t *check = checks_complete(&checks);
+    assert_true(checks_bytes(check, &settings) > sum_frame_bytes(&settings));
     checks_close(check);
+    assert_memory_equal(batch_frame(&check->batch, SUM_SPLAT), batch_frame(&plain, SUM_SPLAT),
+                        sum_image_values(&settings, SUM_SPLAT) * sizeof(int64_t));
     assert_memory_equal(batch_frame(&check->batch, SUM_LESSONS), batch_frame(&plain, SUM_LESSONS),
                         LEARNING_PLACES * sizeof(int64_t));
     check->under_way = false;
@@ -873,7 +881,7 @@ int main(void)
         WITH_FIXTURE(an_offered_batch_grows_until_it_is_closed),
         WITH_FIXTURE(a_batch_waits_for_nothing_when_nothing_comes),
         WITH_FIXTURE(samples_in_hand_are_not_rendered_again),
-        WITH_FIXTURE(a_check_keeps_lessons_once),
+        WITH_FIXTURE(a_check_keeps_lessons_and_splats_once),
         WITH_FIXTURE(a_check_makes_a_batch_of_its_own),
         WITH_FIXTURE(a_check_can_be_the_first_assignment),
         WITH_FIXTURE(a_forgotten_worker_keeps_what_was_begun),
