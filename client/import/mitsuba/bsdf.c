@@ -42,6 +42,37 @@ static result_t value(maker_t *k, const char *name, double otherwise, material_v
     return texture_property(k->m, k->object, name, otherwise, k->flipped, &k->record.values[slot]);
 }
 
+/* Mitsuba makes reflectances weaker that add up to more than 1 where each is at its largest. `second` may be
+ * NULL. */
+static result_t conserve_energy(maker_t *k, blob_value_t *first, blob_value_t *second)
+{
+    bool wanted = true;
+    TRY(property_bool(k->m, k->object, "ensureEnergyConservation", &wanted));
+    rgb_t sum = texture_most(k->m, first);
+    if (second) sum = v_add(sum, texture_most(k->m, second));
+    float most = v_max(sum);
+    if (!wanted || !(most > 1)) return result_ok();
+    if (second)
+        report_warning(
+            k->m->report, k->object->at,
+            "the reflectances of bsdf \"%.20s\" add up to %g, and are scaled to 0.99, as in Mitsuba",
+            object_type(k->object), (double)most);
+    else
+        report_warning(k->m->report, k->object->at,
+                       "a colour of bsdf \"%.20s\" goes up to %g, and is scaled to 0.99, as in Mitsuba",
+                       object_type(k->object), (double)most);
+    first->factor = v_scale(first->factor, 0.99f / most);
+    if (second) second->factor = v_scale(second->factor, 0.99f / most);
+    return result_ok();
+}
+
+/* What is reflected or let through of light: at most 1. */
+static result_t share(maker_t *k, const char *name, double otherwise, material_value_t slot)
+{
+    TRY(value(k, name, otherwise, slot));
+    return conserve_energy(k, &k->record.values[slot], NULL);
+}
+
 /* ---- indices and roughness ----------------------------------------------------------------------------- */
 
 static const struct {
@@ -119,7 +150,7 @@ static result_t fill_diffuse(maker_t *k)
 {
     const char *name = property_find(k->object, "diffuseReflectance") ? "diffuseReflectance" : "reflectance";
     k->record.kind = MATERIAL_DIFFUSE;
-    return value(k, name, 0.5, VALUE_REFLECTANCE);
+    return share(k, name, 0.5, VALUE_REFLECTANCE);
 }
 
 /* alpha is the root mean square of slopes, sigma of Oren and Nayar the deviation of angles along one axis. */
@@ -138,8 +169,8 @@ static result_t fill_dielectric(maker_t *k)
 {
     k->record.kind = MATERIAL_DIELECTRIC;
     TRY(read_relative_index(k, glass));
-    TRY(value(k, "specularReflectance", 1, VALUE_REFLECTANCE));
-    return value(k, "specularTransmittance", 1, VALUE_TRANSMITTANCE);
+    TRY(share(k, "specularReflectance", 1, VALUE_REFLECTANCE));
+    return share(k, "specularTransmittance", 1, VALUE_TRANSMITTANCE);
 }
 
 static result_t fill_thin_dielectric(maker_t *k)
@@ -181,7 +212,7 @@ static result_t read_complex_index(maker_t *k, const char *name)
 static result_t fill_conductor(maker_t *k)
 {
     const char *name = "Cu";
-    TRY(value(k, "specularReflectance", 1, VALUE_REFLECTANCE));
+    TRY(share(k, "specularReflectance", 1, VALUE_REFLECTANCE));
     TRY(property_string(k->m, k->object, "material", &name));
     bool own = property_find(k->object, "eta") || property_find(k->object, "k");
     k->record.kind = !own && strcasecmp(name, "none") == 0 ? MATERIAL_MIRROR : MATERIAL_CONDUCTOR;
@@ -204,25 +235,7 @@ static result_t fill_rough_conductor(maker_t *k)
 static result_t fill_diffuse_transmitter(maker_t *k)
 {
     k->record.kind = MATERIAL_DIFFUSE_TRANSMISSION;
-    return value(k, "transmittance", 0.5, VALUE_TRANSMITTANCE);
-}
-
-/* Mitsuba makes reflectances weaker that add up to more than 1 where each is at its largest. `second` may be
- * NULL. */
-static result_t conserve_energy(maker_t *k, blob_value_t *first, blob_value_t *second)
-{
-    bool wanted = true;
-    TRY(property_bool(k->m, k->object, "ensureEnergyConservation", &wanted));
-    rgb_t sum = texture_most(k->m, first);
-    if (second) sum = v_add(sum, texture_most(k->m, second));
-    float most = v_max(sum);
-    if (!wanted || !(most > 1)) return result_ok();
-    report_warning(k->m->report, k->object->at,
-                   "the reflectances of bsdf \"%.20s\" add up to %g, and are scaled to 0.99, as in Mitsuba",
-                   object_type(k->object), (double)most);
-    first->factor = v_scale(first->factor, 0.99f / most);
-    if (second) second->factor = v_scale(second->factor, 0.99f / most);
-    return result_ok();
+    return share(k, "transmittance", 0.5, VALUE_TRANSMITTANCE);
 }
 
 static result_t read_reflectances(maker_t *k)
@@ -317,8 +330,7 @@ static result_t linear_plastic(maker_t *k, blob_value_t base)
 static result_t read_tint(maker_t *k)
 {
     blob_value_t *tint = &k->record.values[VALUE_SPECULAR];
-    TRY(value(k, "specularReflectance", 1, VALUE_SPECULAR));
-    TRY(conserve_energy(k, tint, NULL));
+    TRY(share(k, "specularReflectance", 1, VALUE_SPECULAR));
     if (tint->texture != 0 || tint->factor.x != 1 || tint->factor.y != 1 || tint->factor.z != 1)
         k->record.flags |= MATERIAL_TINTED;
     return result_ok();
@@ -330,7 +342,7 @@ static result_t fill_plastic(maker_t *k)
     no_medium(&k->record);
     TRY(read_relative_index(k, 1.49));
     if (strcmp(object_type(k->object), "roughplastic") == 0) TRY(read_surface_alphas(k));
-    TRY(value(k, "diffuseReflectance", 0.5, VALUE_REFLECTANCE));
+    TRY(share(k, "diffuseReflectance", 0.5, VALUE_REFLECTANCE));
     TRY(property_bool(k->m, k->object, "nonlinear", &nonlinear));
     TRY(read_tint(k));
     return nonlinear ? result_ok() : linear_plastic(k, k->record.values[VALUE_REFLECTANCE]);

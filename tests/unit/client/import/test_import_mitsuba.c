@@ -1201,6 +1201,42 @@ static void reflectances_that_gain_energy_are_scaled_as_in_mitsuba(void **state)
     bench_close(&bench);
 }
 
+static void reflectances_above_one_are_scaled_as_in_mitsuba(void **state)
+{
+    (void)state;
+#define TOO_MUCH(type, name, more)                                                                           \
+    "<bsdf type=\"" type "\"><float name=\"" name "\" value=\"4\"/>" more "</bsdf>"
+#define UNCHECKED "<boolean name=\"ensureEnergyConservation\" value=\"false\"/>"
+#define NONLINEAR "<boolean name=\"nonlinear\" value=\"true\"/>"
+    static const struct {
+        const char *bsdf;
+        material_value_t value;
+        double expected;
+    } cases[] = {
+        {TOO_MUCH("diffuse", "reflectance", ""), VALUE_REFLECTANCE, 0.99},
+        {TOO_MUCH("diffuse", "reflectance", UNCHECKED), VALUE_REFLECTANCE, 4},
+        {TOO_MUCH("roughdiffuse", "diffuseReflectance", ""), VALUE_REFLECTANCE, 0.99},
+        {TOO_MUCH("dielectric", "specularReflectance", ""), VALUE_REFLECTANCE, 0.99},
+        {TOO_MUCH("thindielectric", "specularTransmittance", ""), VALUE_TRANSMITTANCE, 0.99},
+        {TOO_MUCH("roughdielectric", "specularReflectance", ""), VALUE_REFLECTANCE, 0.99},
+        {TOO_MUCH("conductor", "specularReflectance", ""), VALUE_REFLECTANCE, 0.99},
+        {TOO_MUCH("roughconductor", "specularReflectance", UNCHECKED), VALUE_REFLECTANCE, 4},
+        {TOO_MUCH("difftrans", "transmittance", ""), VALUE_TRANSMITTANCE, 0.99},
+        {TOO_MUCH("plastic", "diffuseReflectance", NONLINEAR), VALUE_REFLECTANCE, 0.99},
+    };
+    bench_t bench = {0};
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        run_bsdf(&bench, cases[i].bsdf);
+        expect_near(number(&bench, cases[i].value), cases[i].expected, 1e-6);
+        if (cases[i].expected < 1) expect_text(bench.warnings, "goes up to 4, and is scaled to 0.99");
+    }
+    run_bsdf(&bench, "<bsdf type=\"diffuse\"><rgb name=\"reflectance\" value=\"2,1,0.5\"/></bsdf>");
+    expect_vec3(material_of(&bench)->values[VALUE_REFLECTANCE].factor, 0.99, 0.495, 0.2475);
+    run_bsdf(&bench, "<bsdf type=\"diffuse\"><float name=\"reflectance\" value=\"1\"/></bsdf>");
+    expect_near(number(&bench, VALUE_REFLECTANCE), 1, 0);
+    bench_close(&bench);
+}
+
 static void a_channel_of_an_image_is_taken_or_told(void **state)
 {
     (void)state;
@@ -1728,6 +1764,7 @@ int main(void)
         cmocka_unit_test(animations_that_cannot_be_are_told),
         cmocka_unit_test(phong_and_ward_are_read),
         cmocka_unit_test(reflectances_that_gain_energy_are_scaled_as_in_mitsuba),
+        cmocka_unit_test(reflectances_above_one_are_scaled_as_in_mitsuba),
         cmocka_unit_test(a_channel_of_an_image_is_taken_or_told),
         cmocka_unit_test(images_of_floats_stay_so_beside_alpha),
         cmocka_unit_test(coats_may_be_tinted),
