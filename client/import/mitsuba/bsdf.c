@@ -39,7 +39,15 @@ static blob_material_t *record_of(const mitsuba_t *m, uint32_t index)
 
 static result_t value(maker_t *k, const char *name, double otherwise, material_value_t slot)
 {
-    return texture_property(k->m, k->object, name, otherwise, k->flipped, &k->record.values[slot]);
+    return texture_property(k->m, k->object, name, otherwise, TEXTURE_COLOURS, k->flipped,
+                            &k->record.values[slot]);
+}
+
+/* The same of a number, for which Mitsuba takes a colour's mean. */
+static result_t number(maker_t *k, const char *name, double otherwise, material_value_t slot)
+{
+    return texture_property(k->m, k->object, name, otherwise, TEXTURE_MEAN, k->flipped,
+                            &k->record.values[slot]);
 }
 
 /* Mitsuba makes reflectances weaker that add up to more than 1 where each is at its largest. `second` may be
@@ -118,10 +126,10 @@ static result_t read_relative_index(maker_t *k, double inner)
 /* alpha is for the one of alphaU and alphaV that is not given. */
 static result_t read_widths(maker_t *k, material_value_t u, material_value_t v)
 {
-    TRY(value(k, "alpha", 0.1, u));
+    TRY(number(k, "alpha", 0.1, u));
     k->record.values[v] = k->record.values[u];
-    if (property_find(k->object, "alphaU")) TRY(value(k, "alphaU", 0.1, u));
-    return property_find(k->object, "alphaV") ? value(k, "alphaV", 0.1, v) : result_ok();
+    if (property_find(k->object, "alphaU")) TRY(number(k, "alphaU", 0.1, u));
+    return property_find(k->object, "alphaV") ? number(k, "alphaV", 0.1, v) : result_ok();
 }
 
 static result_t read_alphas(maker_t *k, material_value_t u, material_value_t v)
@@ -249,7 +257,7 @@ static result_t fill_phong(maker_t *k)
 {
     k->record.kind = MATERIAL_PHONG;
     TRY(read_reflectances(k));
-    return value(k, "exponent", 30, VALUE_EXPONENT);
+    return number(k, "exponent", 30, VALUE_EXPONENT);
 }
 
 static result_t fill_ward(maker_t *k)
@@ -383,7 +391,7 @@ static result_t hold_mask(maker_t *k)
 {
     blob_value_t opacity;
     TRY(nested(k, &k->out));
-    TRY(texture_property(k->m, k->object, "opacity", 0.5, k->flipped, &opacity));
+    TRY(texture_property(k->m, k->object, "opacity", 0.5, TEXTURE_LUMINANCE, k->flipped, &opacity));
     if (opacity.texture != 0 || k->out.alpha.texture != 0) {
         blob_texture_t texture = {.kind = TEXTURE_SCALE, .channel = CHANNEL_RGB};
         texture.texture_from_world = xform_identity();
@@ -417,7 +425,7 @@ static result_t hold_bump(maker_t *k)
     blob_value_t map, one = blob_constant(1);
     double scale = 1;
     TRY(copy_nested(k));
-    TRY(only_texture(k, TEXTURE_NUMBERS, &map));
+    TRY(only_texture(k, TEXTURE_LUMINANCE, &map));
     TRY(property_number(k->m, k->object, "scale", -1e12, 1e12, &scale));
     map.factor = v_scale(map.factor, (float)scale);
     blob_texture_t texture = {.kind = TEXTURE_SCALE, .channel = CHANNEL_RGB, .inputs = {map, one}};
@@ -474,7 +482,7 @@ static result_t hold_blend(maker_t *k)
     blob_value_t weight;
     TRY(read_parts(k, parts, &count));
     if (count != 2) return error_at(k->object->at, "blendbsdf needs two bsdfs, found %zu", count);
-    TRY(texture_property(k->m, k->object, "weight", 0.5, k->flipped, &weight));
+    TRY(texture_property(k->m, k->object, "weight", 0.5, TEXTURE_MEAN, k->flipped, &weight));
     k->out.index = mix(k, parts[0], parts[1], weight);
     return result_ok();
 }

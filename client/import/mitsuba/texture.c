@@ -64,14 +64,14 @@ static result_t read_wraps(mitsuba_t *m, const element_t *object, blob_texture_t
     return read_wrap(m, object, "wrapModeV", both, &texture->wrap_t);
 }
 
-static result_t read_channel(mitsuba_t *m, const element_t *object, texture_use_t use, uint32_t *channel)
+static result_t read_channel(mitsuba_t *m, const element_t *object, uint32_t *channel)
 {
     static const struct {
         const char *name;
         channel_t channel;
     } channels[] = {{"r", CHANNEL_R}, {"g", CHANNEL_G}, {"b", CHANNEL_B}, {"a", CHANNEL_A}};
     const char *name = "";
-    *channel = use == TEXTURE_NUMBERS ? CHANNEL_LUMINANCE : CHANNEL_RGB;
+    *channel = CHANNEL_RGB;
     TRY(property_string(m, object, "channel", &name));
     for (size_t i = 0; i < ARRAY_LENGTH(channels); ++i) {
         if (strcasecmp(name, channels[i].name) != 0) continue;
@@ -108,7 +108,7 @@ static result_t make_bitmap(mitsuba_t *m, element_t *object, texture_use_t use, 
     if (!file) return error_at(object->at, "a bitmap needs a filename");
     TRY(read_mapping(m, object, flipped, &texture));
     TRY(read_wraps(m, object, &texture));
-    TRY(read_channel(m, object, use, &texture.channel));
+    TRY(read_channel(m, object, &texture.channel));
     TRY(read_gamma(m, object, use, texture.channel, &gamma));
     property_ignore(object, "maxAnisotropy"); /* how Mitsuba filters and caches */
     property_ignore(object, "cache");
@@ -213,18 +213,64 @@ rgb_t texture_most(mitsuba_t *m, const blob_value_t *value)
     return value->factor;
 }
 
+/* ---- numbers ------------------------------------------------------------------------------------------- */
+
+static bool is_grey(rgb_t c)
+{
+    return c.x == c.y && c.y == c.z;
+}
+
+static rgb_t grey_of(rgb_t c, channel_t channel)
+{
+    if (is_grey(c)) return c;
+    float number = channel == CHANNEL_MEAN ? (c.x + c.y + c.z) / 3 : rgb_luminance(c);
+    return vec3(number, number, number);
+}
+
+/* Lets a texture that has just been made have one number in all its components. */
+static void make_grey(mitsuba_t *m, channel_t channel, blob_value_t *value)
+{
+    blob_texture_t *texture = blob_builder_records(m->scene->blob, BLOB_SECTION_TEXTURES);
+    if (value->texture == 0) {
+        value->factor = grey_of(value->factor, channel);
+        return;
+    }
+    texture += value->texture - 1;
+    if (texture->kind == TEXTURE_IMAGE && is_grey(value->factor)) {
+        if (texture->channel == CHANNEL_RGB) texture->channel = channel;
+    } else if (texture->kind == TEXTURE_CHECKERBOARD && is_grey(value->factor)) {
+        for (int i = 0; i < 2; ++i) texture->inputs[i].factor = grey_of(texture->inputs[i].factor, channel);
+    } else {
+        blob_texture_t number = {.kind = TEXTURE_CHANNEL, .channel = channel, .inputs = {*value}};
+        number.texture_from_world = xform_identity();
+        *value = scene_add_texture(m->scene, &number);
+    }
+}
+
+static void make_number(mitsuba_t *m, texture_use_t use, blob_value_t *value)
+{
+    if (use == TEXTURE_MEAN) make_grey(m, CHANNEL_MEAN, value);
+    if (use == TEXTURE_LUMINANCE) make_grey(m, CHANNEL_LUMINANCE, value);
+}
+
+/* ---- the whole ----------------------------------------------------------------------------------------- */
+
 result_t texture_element(mitsuba_t *m, element_t *texture, texture_use_t use, bool flipped,
                          blob_value_t *value)
 {
-    return make_value(m, texture, use, flipped, 0, value);
+    TRY(make_value(m, texture, use, flipped, 0, value));
+    make_number(m, use, value);
+    return result_ok();
 }
 
 result_t texture_property(mitsuba_t *m, const element_t *object, const char *name, double otherwise,
-                          bool flipped, blob_value_t *value)
+                          texture_use_t use, bool flipped, blob_value_t *value)
 {
     element_t *found;
     *value = blob_constant((float)otherwise);
     TRY(object_named(m, object, "texture", name, &found));
-    if (found) return texture_element(m, found, TEXTURE_COLOURS, flipped, value);
-    return property_colour(m, object, name, &value->factor);
+    if (found) return texture_element(m, found, use, flipped, value);
+    TRY(property_colour(m, object, name, &value->factor));
+    make_number(m, use, value);
+    return result_ok();
 }

@@ -8,13 +8,13 @@
 
 #include "client/import/mitsuba/property.h"
 
-/* What becomes of an image's numbers: colours; or one number, its luminance. */
-typedef enum { TEXTURE_COLOURS, TEXTURE_NUMBERS, TEXTURE_NORMALS } texture_use_t;
+/* What a texture is for: colours; one number, the mean or the luminance of its colour; or normals. */
+typedef enum { TEXTURE_COLOURS, TEXTURE_MEAN, TEXTURE_LUMINANCE, TEXTURE_NORMALS } texture_use_t;
 
 /* The property of that name: a colour, a number or a texture; `otherwise` in all components where there is
  * none. RESULT_INPUT: a texture that is not supported, unless the import is lenient. */
 result_t texture_property(mitsuba_t *m, const element_t *object, const char *name, double otherwise,
-                          bool flipped, blob_value_t *value);
+                          texture_use_t use, bool flipped, blob_value_t *value);
 /* The most that a value is anywhere, of each channel, by what Mitsuba knows of textures: colours of vertices
  * count as white. */
 rgb_t texture_most(mitsuba_t *m, const blob_value_t *value);

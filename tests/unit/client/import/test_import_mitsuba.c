@@ -1237,6 +1237,58 @@ static void reflectances_above_one_are_scaled_as_in_mitsuba(void **state)
     bench_close(&bench);
 }
 
+/* The texture of a value, which has no factor. */
+static const blob_texture_t *texture_of(const bench_t *bench, const blob_value_t *value)
+{
+    assert_true(value->texture != 0);
+    expect_vec3(value->factor, 1, 1, 1);
+    return &bench->blob.textures[value->texture - 1];
+}
+
+static void numbers_are_the_mean_or_the_luminance_of_a_colour(void **state)
+{
+    (void)state;
+#define COLOURED(name)                                                                                       \
+    "<texture name=\"" name "\" type=\"bitmap\"><string name=\"filename\" value=\"a.pfm\"/></texture>"
+#define CHECKED(name)                                                                                        \
+    "<texture name=\"" name "\" type=\"checkerboard\"><rgb name=\"color0\" value=\".9,.3,0\"/></texture>"
+    static const struct {
+        const char *bsdf;
+        material_value_t value;
+    } means[] = {
+        {"<bsdf type=\"roughdielectric\">" COLOURED("alpha") "</bsdf>", VALUE_ROUGHNESS_V},
+        {"<bsdf type=\"roughconductor\">" COLOURED("alphaU") "</bsdf>", VALUE_ROUGHNESS_U},
+        {"<bsdf type=\"ward\">" COLOURED("alphaV") "</bsdf>", VALUE_ROUGHNESS_V},
+        {"<bsdf type=\"phong\">" COLOURED("exponent") "</bsdf>", VALUE_EXPONENT},
+        {"<bsdf type=\"blendbsdf\">" COLOURED("weight") RED RED "</bsdf>", VALUE_AMOUNT},
+    };
+    bench_t bench = {0};
+    write_pixels(&bench);
+    for (size_t i = 0; i < ARRAY_LENGTH(means); ++i) {
+        run_bsdf(&bench, means[i].bsdf);
+        const blob_value_t *value = &material_of(&bench)->values[means[i].value];
+        assert_int_equal(texture_of(&bench, value)->channel, CHANNEL_MEAN);
+    }
+    run_bsdf(&bench, "<bsdf type=\"blendbsdf\">" CHECKED("weight") RED RED "</bsdf>");
+    const blob_texture_t *weight = texture_of(&bench, &material_of(&bench)->values[VALUE_AMOUNT]);
+    expect_vec3(weight->inputs[0].factor, 0.4, 0.4, 0.4);
+    expect_vec3(weight->inputs[1].factor, 0.2, 0.2, 0.2);
+    run_bsdf(&bench, "<bsdf type=\"blendbsdf\"><texture name=\"weight\" type=\"scale\"><rgb name=\"scale\" "
+                     "value=\"1,0,2\"/>" COLOURED("") "</texture>" RED RED "</bsdf>");
+    weight = texture_of(&bench, &material_of(&bench)->values[VALUE_AMOUNT]);
+    assert_int_equal(weight->kind, TEXTURE_CHANNEL);
+    assert_int_equal(weight->channel, CHANNEL_MEAN);
+    expect_vec3(weight->inputs[0].factor, 1, 0, 2);
+    run_bsdf(&bench, "<bsdf type=\"mask\">" COLOURED("opacity") RED "</bsdf>");
+    bench_expect_ok(&bench);
+    const blob_texture_t *mask = texture_of(&bench, &bench.blob.shapes[0].alpha);
+    assert_int_equal(texture_of(&bench, &mask->inputs[0])->channel, CHANNEL_LUMINANCE);
+    run_bsdf(&bench, "<bsdf type=\"mask\"><rgb name=\"opacity\" value=\".9,.3,0\"/>" RED "</bsdf>");
+    bench_expect_ok(&bench);
+    expect_near((double)bench.blob.shapes[0].alpha.factor.x, 0.2126 * 0.9 + 0.7152 * 0.3, 1e-6);
+    bench_close(&bench);
+}
+
 static void a_channel_of_an_image_is_taken_or_told(void **state)
 {
     (void)state;
@@ -1765,6 +1817,7 @@ int main(void)
         cmocka_unit_test(phong_and_ward_are_read),
         cmocka_unit_test(reflectances_that_gain_energy_are_scaled_as_in_mitsuba),
         cmocka_unit_test(reflectances_above_one_are_scaled_as_in_mitsuba),
+        cmocka_unit_test(numbers_are_the_mean_or_the_luminance_of_a_colour),
         cmocka_unit_test(a_channel_of_an_image_is_taken_or_told),
         cmocka_unit_test(images_of_floats_stay_so_beside_alpha),
         cmocka_unit_test(coats_may_be_tinted),
