@@ -412,6 +412,21 @@ static result_t copy_nested(maker_t *k)
     return result_ok();
 }
 
+/* A material has one map of a kind, and a mixture whose parts have their own has none. `second`: the material
+ * within has such a map. */
+static void warn_of_relief(const maker_t *k, bool second)
+{
+    if (k->record.kind == MATERIAL_MIX && (k->record.flags & MATERIAL_CHOSEN) != 0)
+        report_warning(k->m->report, k->object->at,
+                       "this %s is left out: parts of the mixture within have relief of their own; put it on "
+                       "those that have none",
+                       object_type(k->object));
+    else if (second)
+        report_warning(k->m->report, k->object->at,
+                       "this %s takes the place of the one within it; combine the two in one texture",
+                       object_type(k->object));
+}
+
 static result_t only_texture(maker_t *k, texture_use_t use, blob_value_t *map)
 {
     element_t *found;
@@ -426,6 +441,7 @@ static result_t hold_bump(maker_t *k)
     double scale = 1;
     TRY(copy_nested(k));
     TRY(only_texture(k, TEXTURE_LUMINANCE, &map));
+    warn_of_relief(k, k->record.bump != 0);
     TRY(property_number(k->m, k->object, "scale", -1e12, 1e12, &scale));
     map.factor = v_scale(map.factor, (float)scale);
     blob_texture_t texture = {.kind = TEXTURE_SCALE, .channel = CHANNEL_RGB, .inputs = {map, one}};
@@ -441,6 +457,7 @@ static result_t hold_normal_map(maker_t *k)
     TRY(copy_nested(k));
     TRY(only_texture(k, TEXTURE_NORMALS, &map));
     if (map.texture == 0) return result_ok();
+    warn_of_relief(k, k->record.normal_map != 0);
     k->record.normal_map = map.texture;
     k->record.normal_scale = 1;
     k->out.index = add_record(k);

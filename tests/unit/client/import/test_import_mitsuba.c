@@ -1452,6 +1452,33 @@ static void bsdfs_may_hold_others(void **state)
     bench_close(&bench);
 }
 
+static void relief_that_is_lost_is_told(void **state)
+{
+    (void)state;
+#define RELIEF(type, inner) "<bsdf type=\"" type "\"><texture type=\"checkerboard\"/>" inner "</bsdf>"
+#define BLEND(inner) "<bsdf type=\"blendbsdf\">" inner BLUE "</bsdf>"
+    static const struct {
+        const char *bsdf, *warning;
+    } cases[] = {
+        {RELIEF("bumpmap", RELIEF("bumpmap", RED)), "this bumpmap takes the place of the one within it"},
+        {RELIEF("normalmap", RELIEF("normalmap", RED)), "this normalmap takes the place of the one within"},
+        {RELIEF("bumpmap", RELIEF("normalmap", RED)), NULL},
+        {RELIEF("normalmap", RELIEF("bumpmap", RED)), NULL},
+        {RELIEF("bumpmap", BLEND(RED)), NULL},
+        {RELIEF("bumpmap", BLEND(RELIEF("bumpmap", RED))), "this bumpmap is left out: parts of the mixture"},
+        {RELIEF("normalmap", BLEND(RELIEF("bumpmap", RED))), "this normalmap is left out: parts of the"},
+    };
+    bench_t bench = {0};
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        char *bsdf = mem_printf("<bsdf type=\"twosided\">%s</bsdf>", cases[i].bsdf);
+        run_bsdf(&bench, bsdf);
+        free(bsdf);
+        if (cases[i].warning) expect_text(bench.warnings, cases[i].warning);
+        assert_int_equal(bench.warning_count, cases[i].warning != NULL);
+    }
+    bench_close(&bench);
+}
+
 /* The last bsdf counts; a name in an OBJ file's shape is that of a material of the file. */
 static void shapes_have_the_bsdf_that_mitsuba_gives_them(void **state)
 {
@@ -1824,6 +1851,7 @@ int main(void)
         cmocka_unit_test(glass_does_without_a_clear_coat),
         cmocka_unit_test(plastic_is_linear_in_its_colour_unless_asked),
         cmocka_unit_test(bsdfs_may_hold_others),
+        cmocka_unit_test(relief_that_is_lost_is_told),
         cmocka_unit_test(shapes_have_the_bsdf_that_mitsuba_gives_them),
         cmocka_unit_test(obj_files_bring_their_materials),
         cmocka_unit_test(colours_are_what_their_elements_say),
