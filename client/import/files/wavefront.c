@@ -12,6 +12,8 @@
 #include "client/import/files/polygon.h"
 
 static const size_t largest_file = (size_t)1 << 36;
+/* Of polygon.h, of a file, which is a few seconds of work; and what each corner of a face adds to it. */
+static const uint64_t patience_of_file = (uint64_t)1 << 30, patience_of_corner = 512;
 
 /* Indices from 0 into the file's lists; uv and normal may be WAVEFRONT_NONE. */
 typedef struct {
@@ -24,7 +26,15 @@ typedef struct {
 } corners_t;
 
 /* What has been warned of, once a file. */
-typedef enum { SAID_LINES, SAID_COLOURS, SAID_SMOOTH, SAID_ABSENT, SAID_IGNORED, SAID_COUNT } said_t;
+typedef enum {
+    SAID_LINES,
+    SAID_COLOURS,
+    SAID_SMOOTH,
+    SAID_ABSENT,
+    SAID_CUT,
+    SAID_IGNORED,
+    SAID_COUNT
+} said_t;
 
 typedef struct {
     lines_t lines;
@@ -44,6 +54,7 @@ typedef struct {
     corner_t *polygon; /* the corners of the face that is being read */
     vec3_t *outline;
     size_t polygon_capacity, outline_capacity;
+    uint64_t patience; /* for cutting faces: see polygon.h */
 } reader_t;
 
 static const char nothing_to_see[] = "points and lines have no surface and are left out";
@@ -176,11 +187,15 @@ static corners_t *current_part(reader_t *r, bool smooth, position_t at)
 }
 
 /* Cuts the polygon of `count` corners into triangles of the part. */
-static void add_triangles(reader_t *r, corners_t *part, size_t count)
+static void add_triangles(reader_t *r, position_t at, corners_t *part, size_t count)
 {
     part->items = grow(part->items, &part->capacity, part->count + 3 * (count - 2), sizeof *part->items);
     uint32_t *triangles = mem_alloc(3 * (count - 2) * sizeof *triangles);
-    polygon_cut(r->outline, count, triangles);
+    r->patience += patience_of_corner * count;
+    if (!polygon_cut(r->outline, count, triangles, &r->patience))
+        say_once(r, SAID_CUT, at,
+                 "this face crosses itself, or has so many corners that cutting it takes too long: what is "
+                 "left of it becomes a fan, which may cover what the face does not; export triangles");
     for (size_t i = 0; i < 3 * (count - 2); ++i) part->items[part->count++] = r->polygon[triangles[i]];
     free(triangles);
 }
@@ -206,7 +221,7 @@ static result_t add_face(reader_t *r, line_t *line)
         say_once(r, SAID_SMOOTH, line->at,
                  "this face is in a smoothing group but has no normals, and is flat; export with normals");
     for (size_t i = 0; i < count && !smooth; ++i) r->polygon[i].normal = WAVEFRONT_NONE;
-    add_triangles(r, current_part(r, smooth, line->at), count);
+    add_triangles(r, line->at, current_part(r, smooth, line->at), count);
     return result_ok();
 }
 
@@ -386,7 +401,10 @@ result_t wavefront_read(const char *path, scene_builder_t *scene, wavefront_t *o
     *out = (wavefront_t){0};
     TRY(file_read(path, largest_file, &data, &size));
     scene->source_bytes += size;
-    reader_t r = {.lines = lines_begin(path, (const char *)data, size), .scene = scene, .out = out};
+    reader_t r = {.lines = lines_begin(path, (const char *)data, size),
+                  .scene = scene,
+                  .out = out,
+                  .patience = patience_of_file};
     r.name = r.material = r.part[0] = r.part[1] = WAVEFRONT_NONE;
     result_t result = read_lines(&r, size);
     if (result.code == RESULT_OK) result = make_meshes(&r);

@@ -3,8 +3,8 @@
  * Read are v, vt, vn and f, with indices from the file's begin or, negative, from the line; o and g, which
  * name what follows; usemtl and mtllib, whose names are handed on. Faces of one name and one material make
  * one mesh, those with normals apart from those without. A face of many corners becomes triangles: a fan
- * where it is convex, otherwise by cutting off ears. Not read, with a warning each: points, lines, weights,
- * colours at vertices. Free-form curves and surfaces are refused.
+ * where it is convex, otherwise by cutting off ears, as long as that takes seconds (warning). Not read, with
+ * a warning each: points, lines, weights, colours at vertices. Free-form curves and surfaces are refused.
  */
 #ifndef LIGHTMILL_WAVEFRONT_H
 #define LIGHTMILL_WAVEFRONT_H

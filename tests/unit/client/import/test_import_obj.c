@@ -101,31 +101,95 @@ static void a_concave_face_is_cut_by_its_ears(void **state)
     (void)state;
     bench_t bench = {0};
     /* an arrow head whose fan about the first corner would overlap itself: 2 x 2 less a triangle of 1 */
-    run(&bench, "v 2 0 0\nv 2 2 0\nv 0 2 0\nv 0 0 0\nv 1 1 0\nf 1 2 3 4 5\n", NULL);
+#define ARROW "v 2 0 0\nv 2 2 0\nv 0 2 0\nv 0 0 0\nv 1 1 0\n"
+    run(&bench, ARROW "f 1 2 3 4 5\n", NULL);
     bench_expect_ok(&bench);
     expect_near(area_of(&bench, 0), 3, 1e-6);
+    run(&bench, ARROW "f 1 2 3 4 5 5\n", NULL); /* a corner that is there twice */
+    expect_near(area_of(&bench, 0), 3, 1e-6);
+    assert_null(strstr(bench.warnings, "crosses itself"));
     run(&bench, "v 0 0 0\nv 3 0 0\nv 3 3 0\nv 2 3 0\nv 2 1 0\nv 1 1 0\nv 1 3 0\nv 0 3 0\nf 1 2 3 4 5 6 7 8\n",
         NULL);
     expect_near(area_of(&bench, 0), 7, 1e-6); /* a U */
     bench_close(&bench);
 }
 
-static void a_polygon_of_thousands_of_teeth_is_cut_at_once(void **state)
+static double area_of_triangle(vec3_t a, vec3_t b, vec3_t c)
+{
+    double u[2] = {(double)(b.x - a.x), (double)(b.y - a.y)},
+           v[2] = {(double)(c.x - a.x), (double)(c.y - a.y)};
+    return (u[0] * v[1] - u[1] * v[0]) / 2;
+}
+
+/* The triangles must cover the polygon once; the polygon lies in z = 0 and runs counter-clockwise. */
+static void expect_cut(const vec3_t *corners, size_t count)
+{
+    uint32_t *t = mem_alloc(3 * (count - 2) * sizeof *t);
+    uint64_t patience = (uint64_t)1 << 26;
+    double area = 0, covered = 0;
+    assert_true(polygon_cut(corners, count, t, &patience));
+    for (size_t i = 0; i + 2 < count; ++i) {
+        for (int k = 0; k < 3; ++k) assert_true(t[3 * i + (size_t)k] < count);
+        area += area_of_triangle(corners[0], corners[i + 1], corners[i + 2]);
+        covered += fabs(area_of_triangle(corners[t[3 * i]], corners[t[3 * i + 1]], corners[t[3 * i + 2]]));
+    }
+    expect_near(covered, area, 1e-4 * area);
+    free(t);
+}
+
+static void faces_of_thousands_of_corners_are_cut_by_their_ears(void **state)
 {
     enum { CORNERS = 4000 };
     (void)state;
     vec3_t *corners = mem_alloc(CORNERS * sizeof *corners);
-    uint32_t *triangles = mem_alloc((size_t)3 * (CORNERS - 2) * sizeof *triangles);
-    for (int i = 0; i < CORNERS; ++i) {
-        float radius = i % 2 ? 1 : 2, angle = (float)i * TWO_PI_F / CORNERS;
-        corners[i] = vec3(radius * cosf(angle), radius * sinf(angle), 0);
-    }
-    for (size_t count = 3; count <= CORNERS; count = 2 * count + 1) {
-        polygon_cut(corners, count, triangles);
-        for (size_t i = 0; i < 3 * (count - 2); ++i) assert_true(triangles[i] < count);
+    for (size_t count = 4; count <= CORNERS; count *= 10) {
+        for (size_t i = 0; i < count; ++i) { /* teeth */
+            float radius = i % 2 ? 1 : 2, angle = (float)i * TWO_PI_F / (float)count;
+            corners[i] = vec3(radius * cosf(angle), radius * sinf(angle), 0);
+        }
+        expect_cut(corners, count);
+        for (size_t i = 0; i < count; ++i) { /* a spiral, outward and back */
+            size_t step = i < count / 2 ? i : count - 1 - i;
+            float angle = 0.1f * (float)step, radius = 1 + 0.05f * angle + (i < count / 2 ? 0.1f : 0);
+            corners[i] = vec3(radius * cosf(angle), radius * sinf(angle), 0);
+        }
+        expect_cut(corners, count);
     }
     free(corners);
-    free(triangles);
+}
+
+static void a_face_may_have_a_hole_at_the_end_of_a_bridge(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench,
+        "v 0 0 0\nv 0 4 0\nv 0 4 4\nv 0 0 4\nv 0 1 1\nv 0 1 3\nv 0 3 3\nv 0 3 1\nf 1 2 3 4 1 5 6 7 8 5\n",
+        NULL);
+    bench_expect_ok(&bench);
+    assert_int_equal(bench.warning_count, 1); /* there is no light */
+    assert_int_equal(mesh_of(&bench, 0)->triangle_count, 8);
+    expect_near(area_of(&bench, 0), 12, 1e-5);
+    bench_close(&bench);
+}
+
+static void faces_that_cannot_be_cut_are_told(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    run(&bench, "v -4 -4 0\nv 2 2 0\nv 2 -2 0\nv -4 4 0\nf 1 2 3 4\n", NULL); /* its sides cross */
+    bench_expect_ok(&bench);
+    expect_text(bench.warnings, "s.obj:5: this face crosses itself, or has so many corners");
+    vec3_t corners[100];
+    uint32_t triangles[3 * 98];
+    for (int i = 0; i < 100; ++i) {
+        float radius = i % 2 ? 1 : 2, angle = (float)i * TWO_PI_F / 100;
+        corners[i] = vec3(radius * cosf(angle), radius * sinf(angle), 0);
+    }
+    uint64_t patience = 300;
+    assert_false(polygon_cut(corners, 100, triangles, &patience));
+    assert_int_equal(patience, 0);
+    for (int i = 0; i < 3 * 98; ++i) assert_true(triangles[i] < 100);
+    bench_close(&bench);
 }
 
 static void parts_are_by_name_material_and_normals(void **state)
@@ -426,7 +490,9 @@ int main(void)
         cmocka_unit_test(corners_with_two_normals_are_two_vertices),
         cmocka_unit_test(negative_indices_count_back_from_the_line),
         cmocka_unit_test(a_concave_face_is_cut_by_its_ears),
-        cmocka_unit_test(a_polygon_of_thousands_of_teeth_is_cut_at_once),
+        cmocka_unit_test(faces_of_thousands_of_corners_are_cut_by_their_ears),
+        cmocka_unit_test(a_face_may_have_a_hole_at_the_end_of_a_bridge),
+        cmocka_unit_test(faces_that_cannot_be_cut_are_told),
         cmocka_unit_test(parts_are_by_name_material_and_normals),
         cmocka_unit_test(lines_may_be_joined_and_commented),
         cmocka_unit_test(a_byte_order_mark_is_no_part_of_a_line),
