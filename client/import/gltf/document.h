@@ -53,6 +53,7 @@ typedef struct {
     bool emits, two_sided; /* two_sided: emission leaves the back as well */
     bool unlit;            /* emits to the camera alone */
     bool needs_tangents;   /* has normal maps or anisotropy */
+    bool has_images;       /* in any of its textures */
     bool swaps_sets;       /* its textures take a mesh's first texture coordinates for the second, and back */
     blob_value_t emission; /* radiance */
 } gltf_material_t;
@@ -222,9 +223,10 @@ bool accessor_is_unsigned(const accessor_t *accessor);
 
 /* Reads a primitive; without triangles when it has none that can be seen (with a warning). The caller frees
  * the mesh. The texture coordinates' v is turned over (1 - v), so that dp/du and dp/dv are the tangents that
- * glTF's normal maps refer to. Tangents of its own are read only for a material that needs them; the
- * two sets of texture coordinates change places for one that wants it so. *skinned: a
- * skin has put the vertices into the world. */
+ * glTF's normal maps refer to; where the first set is missing it is (0, 0) everywhere for a material with
+ * images. Tangents of its own are read only for a material that needs them; the two sets of texture
+ * coordinates change places for one that wants it so. *skinned: a skin has put the vertices into the world.
+ */
 result_t primitive_read(document_t *document, const item_t *primitive, const gltf_material_t *material,
                         const deform_t *deform, mesh_t *mesh, bool *skinned);
 

@@ -82,6 +82,13 @@ static result_t read_uvs(reader_t *r, const char *name, vec2_t **out)
     return result_ok();
 }
 
+/* On a mesh without texture coordinates images show one texel, as if all were (0, 0). */
+static void fill_uvs(mesh_t *mesh)
+{
+    mesh->uvs = mem_alloc(mesh->vertex_count * sizeof *mesh->uvs);
+    for (uint32_t i = 0; i < mesh->vertex_count; ++i) mesh->uvs[i] = (vec2_t){0, 1};
+}
+
 static result_t read_normals(reader_t *r)
 {
     accessor_t accessor;
@@ -266,6 +273,7 @@ static result_t read_all(reader_t *r, const gltf_material_t *material, const def
     TRY(read_uvs(r, "TEXCOORD_1", &r->mesh->uvs2));
     TRY(read_colours(r));
     TRY(deform_morph(r, deform));
+    if (material->has_images && !r->mesh->uvs) fill_uvs(r->mesh);
     if (material->swaps_sets) swap_sets(r->mesh);
     limit_colours(r->mesh);
     add_bitangents(r);

@@ -15,6 +15,7 @@ typedef struct {
     uint32_t index;        /* in the blob */
     blob_value_t alpha;    /* of the shapes that have it; factor 0: invisible */
     bool emits;            /* by its front */
+    bool has_images;       /* in any of its maps */
     blob_value_t emission; /* radiance */
 } mtl_material_t;
 

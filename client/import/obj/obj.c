@@ -20,6 +20,8 @@ static result_t add_part(scene_builder_t *scene, const wavefront_t *file, wavefr
     const char *wanted = part->material != WAVEFRONT_NONE ? file->materials.texts[part->material] : NULL;
     TRY(mtl_material(materials, wanted, part->at, &material));
     if (material->alpha.texture == 0 && material->alpha.factor.x <= 0) return result_ok();
+    if (material->has_images && !part->mesh.uvs) /* one texel, and not all of the image in each triangle */
+        part->mesh.uvs = mem_zalloc(part->mesh.vertex_count, sizeof *part->mesh.uvs);
     blob_shape_t shape = {.material = material->index,
                           .name = blob_builder_string(scene->blob, name_of(file, part)),
                           .alpha = material->alpha,

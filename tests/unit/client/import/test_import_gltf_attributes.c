@@ -344,6 +344,34 @@ static void targets_move_texture_coordinates(void **state)
     bench_close(&bench);
 }
 
+/* Else each triangle would show all of the image. A normal map tilts by the one texel, in some direction. */
+static void images_on_a_mesh_without_texture_coordinates_are_one_texel(void **state)
+{
+    (void)state;
+#define BARE(more)                                                                                           \
+    "\"meshes\":[{\"primitives\":[{\"material\":0,\"indices\":11,\"attributes\":{\"POSITION\":0" more        \
+    "}}]}]," NODE("")
+    static const char *const materials[] = {MAP,
+                                            "\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}}",
+                                            "\"emissiveFactor\":[1,1,1],\"emissiveTexture\":{\"index\":0}"};
+    bench_t bench = {0};
+    for (size_t i = 0; i < ARRAY_LENGTH(materials); ++i) {
+        run(&bench, materials[i], BARE(NORMAL));
+        bench_expect_ok(&bench);
+        assert_true(bench.blob.meshes[0].first_uv != BLOB_NONE);
+        for (uint32_t k = 0; k < 4; ++k) expect_uv(&bench, bench.blob.meshes[0].first_uv, k, 0, 0);
+        if (i == 0) expect_near((double)seen(&bench, 0.7f, 0.2f, 0).ns.z, 0.8, 1e-5);
+    }
+    run(&bench, materials[1], BARE(",\"TEXCOORD_1\":2"));
+    bench_expect_ok(&bench);
+    expect_uv(&bench, bench.blob.meshes[0].first_uv, 2, 0, 0);
+    expect_uv(&bench, bench.blob.meshes[0].first_uv2, 2, 1, 0);
+    run(&bench, "\"name\":\"plain\"", BARE(NORMAL));
+    bench_expect_ok(&bench);
+    assert_int_equal(bench.blob.meshes[0].first_uv, BLOB_NONE);
+    bench_close(&bench);
+}
+
 /* The sum is cut off, not its parts. */
 static void targets_change_colours(void **state)
 {
@@ -390,6 +418,7 @@ int main(void)
         cmocka_unit_test(anisotropy_follows_the_tangents_of_the_file),
         cmocka_unit_test(tangents_that_are_none_are_errors),
         cmocka_unit_test(targets_move_texture_coordinates),
+        cmocka_unit_test(images_on_a_mesh_without_texture_coordinates_are_one_texel),
         cmocka_unit_test(targets_change_colours),
         cmocka_unit_test(a_shutter_shows_colours_of_its_middle),
     };

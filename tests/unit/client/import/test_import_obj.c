@@ -396,6 +396,29 @@ static void maps_lie_on_the_surface_as_their_options_say(void **state)
     bench_close(&bench);
 }
 
+/* Else each triangle would show all of the image. */
+static void an_image_without_texture_coordinates_is_one_texel(void **state)
+{
+    (void)state;
+    bench_t bench = {0};
+    static const char *const mapped[] = {"map_Kd a.png\n", "map_d a.png\n", "norm a.png\n", "map_Ke a.png\n"};
+    write_tile(&bench, "a.png");
+    for (size_t i = 0; i < ARRAY_LENGTH(mapped); ++i) {
+        char *mtl = mem_printf("newmtl m\n%s", mapped[i]);
+        run(&bench, "mtllib a.mtl\n" SQUARE "usemtl m\nf 1 2 3 4\n", mtl);
+        free(mtl);
+        bench_expect_ok(&bench);
+        assert_true(mesh_of(&bench, 0)->first_uv != BLOB_NONE);
+        for (uint32_t k = 0; k < 4; ++k) {
+            vec2_t uv = bench.blob.uvs[mesh_of(&bench, 0)->first_uv + k];
+            assert_true(uv.x == 0 && uv.y == 0);
+        }
+    }
+    run(&bench, "mtllib a.mtl\n" SQUARE "usemtl m\nf 1 2 3 4\n", "newmtl m\nKd 1 0 0\n");
+    assert_int_equal(mesh_of(&bench, 0)->first_uv, BLOB_NONE);
+    bench_close(&bench);
+}
+
 static void opacity_is_the_alpha_of_grey_images_as_well(void **state)
 {
     (void)state;
@@ -502,6 +525,7 @@ int main(void)
         cmocka_unit_test(phong_becomes_what_reflects_as_much),
         cmocka_unit_test(opacity_is_d_or_the_rest_of_tr),
         cmocka_unit_test(maps_lie_on_the_surface_as_their_options_say),
+        cmocka_unit_test(an_image_without_texture_coordinates_is_one_texel),
         cmocka_unit_test(opacity_is_the_alpha_of_grey_images_as_well),
         cmocka_unit_test(a_bump_map_of_normals_is_a_normal_map),
         cmocka_unit_test(a_missing_image_is_an_error_unless_lenient),
