@@ -2,6 +2,7 @@
 #include "client/import/scene/scene_builder.h"
 
 #include "client/import/scene/bodies.h"
+#include "client/import/scene/scene_box.h"
 
 #include <inttypes.h>
 #include <stdlib.h>
@@ -212,9 +213,25 @@ result_t scene_place_camera(blob_scene_t *record, const affine_t *open, const af
     return error_at(at, "the camera's transform is singular or not finite");
 }
 
+/* Coordinates are floats, whose steps grow with the distance from the origin. */
+static void warn_of_distance(const scene_builder_t *scene, position_t at)
+{
+    box_t box = scene_box(scene);
+    float across = v_length(v_sub(box.high, box.low));
+    float far = v_max(v_high(v_neg(box.low), box.high));
+    float step = nextafterf(far, INFINITY) - far;
+    if (!(step > 1e-4f * across)) return;
+    report_warning(
+        scene->report, at,
+        "the scene is %g across but lies %g from the origin, where coordinates are rounded to steps "
+        "of %g: surfaces come out torn; move the scene to the origin",
+        (double)across, (double)far, (double)step);
+}
+
 result_t scene_finish(scene_builder_t *scene, const blob_scene_t *record, position_t at)
 {
     TRY(scene_check_textures(scene, at));
+    warn_of_distance(scene, at);
     scene_settle_media(scene, at);
     for (size_t i = 0; i < scene->object_count; ++i) {
         const struct scene_object *object = &scene->objects[i];

@@ -106,7 +106,8 @@ result_t scene_check_textures(scene_builder_t *scene, position_t at);
 /* Places the camera at two times. RESULT_INPUT when a transform is singular or not finite. */
 result_t scene_place_camera(blob_scene_t *record, const affine_t *open, const affine_t *close, position_t at);
 
-/* Lays out objects, shapes and the scene's record in the blob, after a last look at the textures. */
+/* Lays out objects, shapes and the scene's record in the blob, after a last look at the textures. Warns of a
+ * scene that lies so far from the origin that the steps of floats there show. */
 result_t scene_finish(scene_builder_t *scene, const blob_scene_t *record, position_t at);
 
 #endif

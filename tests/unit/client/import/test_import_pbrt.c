@@ -1425,6 +1425,34 @@ static void spectra_become_colours(void **state)
     bench_close(&bench);
 }
 
+/* Floats have steps of 0.0625 at a million, and of 0.5 from 2^22 on. */
+static void a_scene_far_from_the_origin_is_told(void **state)
+{
+    (void)state;
+#define LAMP "LightSource \"point\" "
+#define FAR_SPHERE(x, radius) LAMP "Translate " x " 0 0 Shape \"sphere\" \"float radius\" " radius
+#define FAR_OBJECT "ObjectBegin \"o\" " SPHERE "ObjectEnd Translate 0 -5e6 0 ObjectInstance \"o\""
+    static const struct {
+        const char *world, *warning;
+    } cases[] = {
+        {FAR_SPHERE("1000", "1"), NULL},
+        {FAR_SPHERE("1e6", "1e3"), NULL}, /* large enough not to show it */
+        {FAR_SPHERE("1e6", "1"),
+         "lies 1e+06 from the origin, where coordinates are rounded to steps of 0.0625"},
+        {FAR_SPHERE("-1e6", "1"), "move the scene to the origin"},
+        {LAMP FAR_OBJECT, "steps of 0.5"},
+        {LAMP SPHERE FAR_OBJECT, NULL}, /* all of the scene counts */
+    };
+    bench_t bench = {0};
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        bench_run_v3(&bench, cases[i].world);
+        bench_expect_ok(&bench);
+        if (cases[i].warning) expect_text(bench.warnings, cases[i].warning);
+        assert_int_equal(bench.warning_count, cases[i].warning != NULL);
+    }
+    bench_close(&bench);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -1473,6 +1501,7 @@ int main(void)
         cmocka_unit_test(bumps_and_normal_maps_are_read),
         cmocka_unit_test(a_metal_may_have_a_textured_reflectance),
         cmocka_unit_test(spectra_become_colours),
+        cmocka_unit_test(a_scene_far_from_the_origin_is_told),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
