@@ -9,6 +9,7 @@
 #include "client/import/pbrt/lights.h"
 #include "client/import/pbrt/materials/media.h"
 #include "client/import/pbrt/state/arguments.h"
+#include "client/import/pbrt/state/colour_spaces.h"
 #include "client/import/pbrt/state/images.h"
 #include "client/import/pbrt/state/values.h"
 
@@ -33,10 +34,14 @@ static result_t read_scale(pbrt_t *p, params_t *params, blob_value_t *value)
     return result_ok();
 }
 
-/* A colour of that name, white by default, times the scale. */
-static result_t read_emission(pbrt_t *p, params_t *params, const char *name, blob_value_t *value)
+/* A colour of that name times the scale. It is white by default; in v4 the white of the colour space, but not
+ * where an image has colours of its own. */
+static result_t read_emission(pbrt_t *p, params_t *params, const char *name, bool coloured,
+                              blob_value_t *value)
 {
+    bool white = coloured || p->dialect.dialect == DIALECT_V3;
     *value = blob_constant(1);
+    if (!white) value->factor = pbrt_srgb(p, value->factor, true);
     TRY(pbrt_constant_colour(p, params, name, COLOUR_LIGHT, value));
     return read_scale(p, params, value);
 }
@@ -155,10 +160,13 @@ static const param_rule_t sample_rules[] = {
     {{"samples", "nsamples"}, PARAM_IGNORE, "every light is sampled as its power asks for"},
 };
 
-/* v4's image on the surface: its rows run down from v = 1. */
-static result_t read_surface_image(pbrt_t *p, params_t *params, position_t at, area_light_t *light)
+/* v4's image on the surface, whose rows run down from v = 1: its texture, 0 where there is none. */
+static result_t read_surface_image(pbrt_t *p, params_t *params, position_t at, area_light_t *light,
+                                   blob_ref_t *made)
 {
     blob_ref_t image;
+    *made = 0;
+    if (p->dialect.dialect == DIALECT_V3) return result_ok();
     TRY(read_image(p, params, at, IMAGE_EMITTED, &image));
     if (!image) return result_ok();
     if (params_has(params, "L"))
@@ -172,7 +180,7 @@ static result_t read_surface_image(pbrt_t *p, params_t *params, position_t at, a
                               .wrap_s = WRAP_CLAMP,
                               .wrap_t = WRAP_CLAMP,
                               .inputs = {blob_constant(1)}};
-    light->light.radiance.texture = scene_add_texture(p->builder, &texture).texture;
+    *made = scene_add_texture(p->builder, &texture).texture;
     light->mean = scene_image_mean(p->builder, image, NULL, NULL);
     return result_ok();
 }
@@ -180,14 +188,16 @@ static result_t read_surface_image(pbrt_t *p, params_t *params, position_t at, a
 static result_t make_diffuse(pbrt_t *p, params_t *params, position_t at, area_light_t *light)
 {
     bool two_sided = false;
+    blob_ref_t texture;
     light->light.kind = LIGHT_AREA;
     light->light.world_from_light = xform_identity();
-    TRY(read_emission(p, params, "L", &light->light.radiance));
+    TRY(read_surface_image(p, params, at, light, &texture));
+    TRY(read_emission(p, params, "L", texture != 0, &light->light.radiance));
+    light->light.radiance.texture = texture;
     TRY(params_bool(params, "twosided", &two_sided));
     light->light.flags = two_sided ? LIGHT_TWO_SIDED : 0;
     if (p->dialect.dialect == DIALECT_V3)
         return params_apply(params, sample_rules, ARRAY_LENGTH(sample_rules), p->report);
-    TRY(read_surface_image(p, params, at, light));
     TRY(params_float_in(params, "power", -1e30, 1e30, &light->power));
     if (light->power > 0 && !(light->mean > 0))
         return error_at(params_where(params, "power", at), "parameter \"power\": this light is black");
@@ -226,7 +236,7 @@ static result_t make_point(pbrt_t *p, params_t *params, position_t at)
 {
     double from[3] = {0}, place[3];
     blob_light_t light = {.kind = LIGHT_POINT};
-    TRY(read_emission(p, params, "I", &light.radiance));
+    TRY(read_emission(p, params, "I", false, &light.radiance));
     TRY(params_point(params, "from", point_types, from));
     TRY(scale_to(p, params, "power", 4 * pi, &light.radiance.factor));
     affine_t ctm = light_transform(p, at);
@@ -243,7 +253,7 @@ static result_t make_spot(pbrt_t *p, params_t *params, position_t at)
     double from[3] = {0}, to[3] = {0, 0, 1}, angle = 30, rim = 5, place[3], target[3];
     bool uniform;
     blob_light_t light = {.kind = LIGHT_SPOT};
-    TRY(read_emission(p, params, "I", &light.radiance));
+    TRY(read_emission(p, params, "I", false, &light.radiance));
     TRY(params_point(params, "from", point_types, from));
     TRY(params_point(params, "to", point_types, to));
     TRY(params_float_in(params, "coneangle", 1e-3, 180, &angle));
@@ -273,7 +283,7 @@ static result_t make_goniometric(pbrt_t *p, params_t *params, position_t at)
     bool v4 = p->dialect.dialect == DIALECT_V4;
     blob_light_t light = {.kind = LIGHT_GONIOMETRIC};
     double mean = 1;
-    TRY(read_emission(p, params, "I", &light.radiance));
+    TRY(read_emission(p, params, "I", false, &light.radiance));
     TRY(read_image(p, params, at, IMAGE_NUMBERS, &light.image));
     if (light.image) {
         if (v4) light.image = scene_grey_image(p->builder, light.image);
@@ -306,7 +316,7 @@ static result_t make_projection(pbrt_t *p, params_t *params, position_t at)
                           .radiance = blob_constant(1),
                           .mapping = LIGHT_LATLONG}; /* mapping: unused */
     double fov = v3 ? 45 : 90;
-    TRY(v3 ? read_emission(p, params, "I", &light.radiance) : read_scale(p, params, &light.radiance));
+    TRY(v3 ? read_emission(p, params, "I", false, &light.radiance) : read_scale(p, params, &light.radiance));
     TRY(params_float_in(params, "fov", 1e-3, 179.9, &fov));
     TRY(read_image(p, params, at, IMAGE_EMITTED, &light.image));
     if (!light.image && !v3) return error_at(at, "a projection light needs its image: \"string filename\"");
@@ -333,7 +343,7 @@ static result_t make_distant(pbrt_t *p, params_t *params, position_t at)
     double from[3] = {0}, to[3] = {0, 0, 1}, toward[3];
     const double nowhere[3] = {0};
     blob_light_t light = {.kind = LIGHT_DISTANT};
-    TRY(read_emission(p, params, "L", &light.radiance));
+    TRY(read_emission(p, params, "L", false, &light.radiance));
     TRY(params_point(params, "from", point_types, from));
     TRY(params_point(params, "to", point_types, to));
     TRY(scale_to(p, params, "illuminance", 1, &light.radiance.factor));
@@ -423,8 +433,8 @@ static result_t make_infinite(pbrt_t *p, params_t *params, position_t at)
     bool v3 = p->dialect.dialect == DIALECT_V3;
     blob_light_t light = {.kind = LIGHT_INFINITE};
     double illuminance = pi;
-    TRY(read_emission(p, params, "L", &light.radiance));
     TRY(read_image(p, params, at, IMAGE_EMITTED, &light.image));
+    TRY(read_emission(p, params, "L", light.image != 0, &light.radiance));
     if (light.image) {
         if (!v3 && params_has(params, "L"))
             return error_at(params_where(params, "L", at),

@@ -363,6 +363,44 @@ static void colour_spaces_are_converted(void **state)
     bench_close(&bench);
 }
 
+/* As if each said "rgb" [1 1 1]; but an image has colours of its own, which a goniometric light does not use.
+ */
+static void lights_without_a_colour_have_the_white_of_their_space(void **state)
+{
+    (void)state;
+#define ACES "ColorSpace \"aces2065-1\" "
+    static const float grey[3] = {1, 1, 1};
+    static const struct {
+        const char *light;
+        bool white;
+    } cases[] = {
+        {"LightSource \"point\"", false},
+        {"LightSource \"spot\"", false},
+        {"LightSource \"distant\"", false},
+        {"LightSource \"infinite\"", false},
+        {"LightSource \"goniometric\" \"string filename\" \"a.pfm\"", false},
+        {"AreaLightSource \"diffuse\" Shape \"sphere\"", false},
+        {"LightSource \"infinite\" \"string filename\" \"a.pfm\"", true},
+        {"LightSource \"projection\" \"string filename\" \"a.pfm\"", true},
+        {"AreaLightSource \"diffuse\" \"string filename\" \"a.pfm\" Shape \"sphere\"", true},
+    };
+    bench_t bench = {0};
+    write_pfm(&bench, "a.pfm", 1, 1, grey);
+    run(&bench, true, ACES "LightSource \"point\" \"rgb I\" [1 1 1]");
+    rgb_t d60 = light(&bench, 0)->radiance.factor;
+    assert_true(d60.x > 1.02f);
+    for (size_t i = 0; i < ARRAY_LENGTH(cases); ++i) {
+        char *world = mem_printf(ACES "%s", cases[i].light);
+        rgb_t expected = cases[i].white ? vec3(1, 1, 1) : d60;
+        run(&bench, true, world);
+        bench_expect_ok(&bench);
+        expect_vec3(light(&bench, 0)->radiance.factor, (double)expected.x, (double)expected.y,
+                    (double)expected.z);
+        free(world);
+    }
+    bench_close(&bench);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -377,6 +415,7 @@ int main(void)
         cmocka_unit_test(the_gain_of_the_film_scales_all_light),
         cmocka_unit_test(lights_beyond_limits_are_refused),
         cmocka_unit_test(colour_spaces_are_converted),
+        cmocka_unit_test(lights_without_a_colour_have_the_white_of_their_space),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
