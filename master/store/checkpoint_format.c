@@ -110,11 +110,34 @@ void state_copy(const schedule_state_t *state, size_t from, size_t size, void *b
     }
 }
 
+/* Lets the upper parts of `a` change places with the lower ones of `b`. */
+static inline void swap_parts(uint64_t *a, uint64_t *b, int shift, uint64_t mask)
+{
+    uint64_t change = (*a >> shift ^ *b) & mask;
+    *b ^= change;
+    *a ^= change << shift;
+}
+
+/* Makes byte b of word i byte i of word b. */
+static inline void transpose(uint64_t words[8])
+{
+    for (int i = 0; i < 4; i++) swap_parts(&words[i], &words[i + 4], 32, 0x00000000FFFFFFFF);
+    for (int i = 0; i < 6; i++)
+        if (!(i & 2)) swap_parts(&words[i], &words[i + 2], 16, 0x0000FFFF0000FFFF);
+    for (int i = 0; i < 8; i += 2) swap_parts(&words[i], &words[i + 1], 8, 0x00FF00FF00FF00FF);
+}
+
 void bytes_split(const uint8_t *in, size_t size, uint8_t *out)
 {
-    size_t words = size / 8;
+    size_t words = size / 8, whole = words / 8 * 8;
+    for (size_t i = 0; i < whole; i += 8) {
+        uint64_t eight[8];
+        memcpy(eight, in + 8 * i, sizeof eight);
+        transpose(eight);
+        for (size_t b = 0; b < 8; b++) memcpy(out + b * words + i, &eight[b], sizeof eight[b]);
+    }
     for (size_t b = 0; b < 8; b++)
-        for (size_t i = 0; i < words; i++) out[b * words + i] = in[8 * i + b];
+        for (size_t i = whole; i < words; i++) out[b * words + i] = in[8 * i + b];
     memcpy(out + 8 * words, in + 8 * words, size % 8);
 }
 

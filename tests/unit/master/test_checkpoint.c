@@ -1,6 +1,7 @@
 /* Checkpoints: what is written comes back bit for bit; whatever happens to the file is noticed; a disk that
  * refuses leaves the older one as it was. And the store that keeps them. */
 #include "master/store/checkpoint.h"
+#include "master/store/checkpoint_format.h"
 #include "master/store/film_store.h"
 #include "master/threads/stored_film.h"
 #include "tests/films.h"
@@ -30,6 +31,24 @@ static uint64_t draw(uint64_t *state)
     *state ^= *state << 13;
     *state ^= *state >> 7;
     return *state ^= *state << 17;
+}
+
+/* All first bytes of the words, then all second ones, and so on, and what is no whole word as it is. */
+static void bytes_are_split_by_their_place_in_words(void **state)
+{
+    enum { MOST = 8 * 40 + 7 };
+    (void)state;
+    uint64_t random = 1;
+    for (size_t size = 0; size <= MOST; size++) {
+        uint8_t in[MOST], split[MOST], back[MOST];
+        size_t words = size / 8;
+        for (size_t i = 0; i < size; i++) in[i] = (uint8_t)(draw(&random) >> 32);
+        bytes_split(in, size, split);
+        for (size_t i = 0; i < size; i++)
+            assert_int_equal(in[i], split[i < 8 * words ? i % 8 * words + i / 8 : i]);
+        bytes_join(split, size, back);
+        if (size > 0) assert_memory_equal(back, in, size);
+    }
 }
 
 /* Sums like those of a render: the upper bytes much alike, the lower noise, some zeroes. */
@@ -632,6 +651,7 @@ static void the_store_keeps_the_latest(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(bytes_are_split_by_their_place_in_words),
         cmocka_unit_test(what_is_written_comes_back),
         cmocka_unit_test(a_long_schedule_comes_back),
         cmocka_unit_test(lessons_that_cannot_be_are_not_settled),
