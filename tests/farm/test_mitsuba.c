@@ -181,8 +181,8 @@ static char *render(rig_t *rig, const char *name, const char *text, const char *
     return image;
 }
 
-/* There are 24 blocks, whose channels go together: the rms of their z scatters by 0.15 about 1, and which it is
- * depends on the machine's bits. */
+/* There are 24 blocks, whose channels go together: the rms of their z scatters by 0.15 about 1, and which it
+ * is depends on the machine's bits. */
 static int compare(rig_t *rig, const char *image, const char *reference)
 {
     return rig_run(rig, (const char *[]){"compare", image, reference, "--max-rms", "1.7", NULL});
