@@ -48,9 +48,10 @@ typedef struct {
     double rated_samples, rated_seconds; /* what it was measured from */
     double gap;                          /* seconds from one batch to the next, about; 0: there was none */
     double transfer;                     /* seconds that a batch is on its way to us, about */
-    double empty;        /* seconds, since when it says that it holds nothing, though it was given units; 0 */
-    double offered;      /* seconds, when it last said that a batch is ready; 0: that was answered */
-    double granted;      /* seconds, when it was first let send it; 0: not yet, or that was answered */
+    double empty; /* seconds, since when it says that it holds nothing, though it was given units; 0 */
+    double
+        offered; /* seconds, when it last said that a batch is ready of what it holds; 0: that was answered */
+    double granted;      /* seconds, when it was first let send one since the last that counted; 0: not yet */
     uint64_t quarantine; /* the job that it is alone with suspects of, or will be when it holds nothing; 0 */
     uint64_t job;        /* that it has loaded or was assigned last */
     uint64_t batches, batches_refused, units_reissued, bytes;

@@ -20,7 +20,8 @@
  * Within a block the bytes of its 64-bit words are sorted by their place in the word: first all lowest bytes.
  * The upper bytes of sums are much alike, the lower are noise. On films of seed-hidden at 16 samples a pixel
  * zstd at level 1 makes 28% of the eye sums so, at 1.0 GB/s; without the sorting 31%, at 0.5 GB/s. A code of
- * each plane by itself, differences of neighbours, or higher levels gain less than a percent.
+ * each plane by itself, differences of neighbours, or higher levels gain less than a percent. Level -1, which
+ * is what is written, takes about a fifth less time and makes about a percent more bytes.
  *
  * Blocks are made by several threads, each of which takes the next page and writes it where the file ends;
  * when all are there, preamble, head and index are written in front. */

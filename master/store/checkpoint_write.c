@@ -11,8 +11,7 @@
 #include <zstd.h>
 
 enum {
-    ZSTD_LEVEL =
-        -1, /* a fifth faster than 1: the lowest bytes are noise, in whose literals it seeks nothing */
+    ZSTD_LEVEL = -1, /* it looks for nothing in literals, most of which are noise */
     FLUSH_BYTES =
         16 << 20 /* after so many the system is asked to begin writing, so that fsync has less to do */
 };

@@ -415,16 +415,6 @@ static result_t fill(maker_t *m)
     return emitting_sides(m);
 }
 
-/* Whether there is an image among the textures from the first on that the material made. */
-static bool has_images(const maker_t *m, uint32_t first)
-{
-    blob_builder_t *blob = m->document->builder->blob;
-    const blob_texture_t *textures = blob_builder_records(blob, BLOB_SECTION_TEXTURES);
-    for (uint32_t i = first; i < blob_builder_count(blob, BLOB_SECTION_TEXTURES); ++i)
-        if (textures[i].kind == TEXTURE_IMAGE) return true;
-    return false;
-}
-
 /* On a mesh without TANGENT normal maps lie along the texture coordinates of the normal texture (the glTF 2.0
  * specification, section 3.7.2.1), and the renderer's along those that are a mesh's first. Where the normal
  * texture has the second, the two change places: here in the textures from the first on that the material
@@ -469,7 +459,7 @@ result_t material_get(document_t *document, uint32_t index, bool coloured, const
     out->index = blob_builder_add(document->builder->blob, BLOB_SECTION_MATERIALS, &m.record, 1);
     out->needs_tangents = m.record.normal_map != 0 || m.record.coat_normal_map != 0 ||
                           m.record.values[VALUE_ANISOTROPIC].factor.x != 0;
-    out->has_images = has_images(&m, first_texture);
+    out->has_images = scene_has_images(document->builder, first_texture);
     out->made = true;
     return result_ok();
 }

@@ -536,14 +536,14 @@ static result_t make_emission(maker_t *m)
 static result_t make(mtl_t *mtl, const entry_t *entry, const char *name, mtl_material_t *out)
 {
     maker_t m = {.scene = mtl->scene, .entry = entry, .out = out};
-    uint32_t textures = blob_builder_count(mtl->scene->blob, BLOB_SECTION_TEXTURES);
+    uint32_t first_texture = blob_builder_count(mtl->scene->blob, BLOB_SECTION_TEXTURES);
     TRY(make_surface(&m));
     TRY(make_bumps(&m));
     TRY(make_alpha(&m));
     TRY(make_emission(&m));
     m.record.name = blob_builder_string(mtl->scene->blob, name);
     out->index = blob_builder_add(mtl->scene->blob, BLOB_SECTION_MATERIALS, &m.record, 1);
-    out->has_images = blob_builder_count(mtl->scene->blob, BLOB_SECTION_TEXTURES) > textures;
+    out->has_images = scene_has_images(mtl->scene, first_texture);
     out->made = true;
     return result_ok();
 }

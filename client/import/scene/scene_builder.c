@@ -147,6 +147,14 @@ bool scene_gets_environment(const scene_builder_t *scene)
     return wishes && wishes->environment;
 }
 
+bool scene_has_images(const scene_builder_t *scene, uint32_t first)
+{
+    const blob_texture_t *textures = blob_builder_records(scene->blob, BLOB_SECTION_TEXTURES);
+    for (uint32_t i = first; i < blob_builder_count(scene->blob, BLOB_SECTION_TEXTURES); ++i)
+        if (textures[i].kind == TEXTURE_IMAGE) return true;
+    return false;
+}
+
 blob_value_t scene_add_texture(scene_builder_t *scene, const blob_texture_t *texture)
 {
     return (blob_value_t){.factor = {1, 1, 1},

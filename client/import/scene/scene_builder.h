@@ -99,6 +99,8 @@ void scene_choose_parts(const scene_builder_t *scene, blob_material_t *mix);
 blob_ref_t scene_add_spectrum(scene_builder_t *scene, const blob_spectrum_t *spectrum);
 /* Adds a texture and returns its value. */
 blob_value_t scene_add_texture(scene_builder_t *scene, const blob_texture_t *texture);
+/* Whether there is an image among the textures from number `first` on (from 0). */
+bool scene_has_images(const scene_builder_t *scene, uint32_t first);
 /* Refuses what a blob must not have in the textures that came since the last call: numbers that are not
  * finite, and more than BLOB_MAX_TEXTURE_COST textures in one. */
 result_t scene_check_textures(scene_builder_t *scene, position_t at);

@@ -151,8 +151,9 @@ static void choose_lights(lights_t *lights)
 static bool parts_media(const surface_t *surface)
 {
     const blob_material_t *material = surface->material;
-    return surface_is_interface(surface) || material->body != 0 ||
-           (material->kind == MATERIAL_DIELECTRIC && surface->shape->flags & SHAPE_INTERFACE);
+    bool lets_through =
+        surface_is_interface(surface) || material->body != 0 || material->kind == MATERIAL_DIELECTRIC;
+    return lets_through && surface->shape->flags & SHAPE_INTERFACE;
 }
 
 /* The medium that a light shines into which has a place: that on the near side of the interfaces, surfaces of
@@ -184,8 +185,7 @@ static blob_ref_t medium_of(const light_t *light, uint32_t number)
 static bool is_of_one_medium(const scene_blob_t *blob)
 {
     for (size_t i = 0; i < blob->counts[BLOB_SECTION_SHAPES]; i++)
-        if (blob->shapes[i].flags & SHAPE_INTERFACE || blob->materials[blob->shapes[i].material].body != 0)
-            return false;
+        if (blob->shapes[i].flags & SHAPE_INTERFACE) return false;
     return true;
 }
 
