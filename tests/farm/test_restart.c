@@ -450,8 +450,6 @@ static void a_full_disk_pauses_and_loses_nothing(void **state)
     wait_generations(t, 1);
     fill_disk(t);
     rig_wait_output(t->rig, t->rig->master, "CHECKPOINTS PAUSE");
-    uint64_t done = rig_status(t->rig, job).samples_done;
-    rig_wait_samples(t->rig, job, done + 1); /* merging goes on */
     /* New jobs are refused with the reason; nothing is half done. */
     job_settings_t settings = rig_settings();
     hash_t blob = {{0}};
@@ -463,10 +461,8 @@ static void a_full_disk_pauses_and_loses_nothing(void **state)
     result_t result = remote_submit(t->rig->remote, "another", &settings, &blob, &other);
     if (result.code != RESULT_OK) assert_non_null(strstr(result.message, "full"));
     bool refused = result.code != RESULT_OK;
-    /* The end of the job cannot be written either: it waits. */
-    for (rig_status_t status = rig_status(t->rig, job); status.samples_done < status.samples_total;
-         status = rig_status(t->rig, job))
-        rig_sleep(0.05);
+    /* Merging goes on to the end of the job, which cannot be written either: it waits. */
+    rig_wait_samples(t->rig, job, rig_status(t->rig, job).samples_total);
     rig_sleep(1);
     assert_int_equal(rig_status(t->rig, job).state, JOB_FINISHING);
     make_room(t);
