@@ -40,7 +40,7 @@ static void bytes_are_split_by_their_place_in_words(void **state)
     (void)state;
     uint64_t random = 1;
     for (size_t size = 0; size <= MOST; size++) {
-        uint8_t in[MOST], split[MOST], back[MOST];
+        uint8_t in[MOST] = {0}, split[MOST], back[MOST];
         size_t words = size / 8;
         for (size_t i = 0; i < size; i++) in[i] = (uint8_t)(draw(&random) >> 32);
         bytes_split(in, size, split);
