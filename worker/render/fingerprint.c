@@ -15,7 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { RESOLUTION = 24, SAMPLES = 8, POINTS = 2048 };
+enum { RESOLUTION = 24, SAMPLES = 4, POINTS = 2048 };
 
 /* ---- the scene ----------------------------------------------------------------------------------------- */
 

@@ -52,10 +52,13 @@ static float stretch_at(light_mapping_t mapping, float t)
     return mapping == LIGHT_OCTAHEDRAL ? 1 : 0.5f * PI_F * sinf(PI_F * t);
 }
 
-static vec3_t direction_at(light_mapping_t mapping, vec2_t st)
+/* The direction of a place of the image, and what stretch_at says of it. */
+static vec3_t direction_at(light_mapping_t mapping, vec2_t st, float *stretch)
 {
+    *stretch = 1;
     if (mapping == LIGHT_OCTAHEDRAL) return octahedral_to_sphere(st);
     float theta = PI_F * st.y, phi = TWO_PI_F * st.x, s = sinf(theta), c = cosf(theta);
+    *stretch = 0.5f * PI_F * s;
     return mapping == LIGHT_LATLONG ? vec3(s * cosf(phi), s * sinf(phi), c)
                                     : vec3(s * cosf(phi), c, s * sinf(phi));
 }
@@ -130,25 +133,29 @@ rgb_t light_map_value(const light_map_t *map, vec3_t d)
     return value_at(map, place_of(map->mapping, d));
 }
 
-/* A place of the image; *pdf as in light_map_sample. */
-static vec2_t draw_place(const light_map_t *map, vec2_t u, float *pdf)
+/* A place of the image and its direction; *pdf as in light_map_sample. */
+static vec2_t draw_place(const light_map_t *map, vec2_t u, float *pdf, vec3_t *direction)
 {
+    float stretch;
     vec2_t st = distribution_sample(map->distribution, u, pdf);
-    float stretch = 4 * PI_F * stretch_at(map->mapping, st.y);
+    *direction = direction_at(map->mapping, st, &stretch);
+    stretch *= 4 * PI_F;
     *pdf = stretch > 0 ? *pdf / stretch : 0;
     return st;
 }
 
 vec3_t light_map_sample(const light_map_t *map, vec2_t u, float *pdf)
 {
-    return direction_at(map->mapping, draw_place(map, u, pdf));
+    vec3_t direction;
+    draw_place(map, u, pdf, &direction);
+    return direction;
 }
 
 vec3_t light_map_draw(const light_map_t *map, vec2_t u, float *pdf, rgb_t *value)
 {
-    vec2_t st = draw_place(map, u, pdf);
-    *value = value_at(map, st);
-    return direction_at(map->mapping, st);
+    vec3_t direction;
+    *value = value_at(map, draw_place(map, u, pdf, &direction));
+    return direction;
 }
 
 static float pdf_at(const light_map_t *map, vec2_t st)

@@ -21,8 +21,12 @@ enum { MOST_BLOCKS = 1 << 13, MOST_SIDE = 16 };
 
 typedef struct {
     float cumulative; /* probability of this cell and those before it */
-    float density;    /* per area of the square; of rows unused */
+    union {
+        float density;  /* per area of the square; of rows unused */
+        uint32_t table; /* of an uneven block in place of that: its number, with the sign's bit set */
+    };
 } cell_t;
+#define UNEVEN 0x80000000u
 
 /* A run of cells, and for each of `buckets` equal parts of [0, 1) the cell that its first number draws. A run
  * of few cells has no guide. */
@@ -42,8 +46,7 @@ struct distribution {
     uint16_t *column_guides;
     cell_t *rows; /* of blocks */
     uint16_t *row_guide;
-    uint32_t *details; /* of each block the number of its table, from 1; 0 when it is even */
-    cell_t *tables;    /* of uneven blocks: side rows, then side x side cells */
+    cell_t *tables; /* of uneven blocks: side rows, then side x side cells */
 };
 
 static double usable(float weight)
@@ -110,7 +113,6 @@ static distribution_t *allocate(uint32_t width, uint32_t height)
     d->column_guides = mem_alloc((size_t)d->column_buckets * down * sizeof *d->column_guides);
     d->rows = mem_zalloc(down, sizeof *d->rows);
     d->row_guide = mem_alloc(d->row_buckets * sizeof *d->row_guide);
-    d->details = mem_zalloc((size_t)across * down, sizeof *d->details);
     return d;
 }
 
@@ -135,6 +137,12 @@ static uint32_t table_size(const distribution_t *d)
     return d->side + d->side * d->side;
 }
 
+/* The table of an uneven block; NULL for others. */
+static cell_t *table_of(const distribution_t *d, const cell_t *block)
+{
+    return block->table & UNEVEN ? d->tables + (size_t)(block->table & ~UNEVEN) * table_size(d) : NULL;
+}
+
 /* Of a block that is drawn with this probability. */
 static void fill_table(const distribution_t *d, cell_t *table, const double *inside, double scale)
 {
@@ -149,7 +157,7 @@ static void fill_table(const distribution_t *d, cell_t *table, const double *ins
     accumulate(table, row_sums, side, sum_of(row_sums, side));
 }
 
-/* Notes the sums of blocks, and gives uneven ones a number. */
+/* Notes the sums of blocks, and gives uneven ones a table, even ones a density of 0. */
 static uint32_t sum_blocks(const distribution_t *d, const float *weights, double tolerance, double *sums)
 {
     double inside[MOST_SIDE * MOST_SIDE];
@@ -157,7 +165,7 @@ static uint32_t sum_blocks(const distribution_t *d, const float *weights, double
     for (size_t i = 0; i < (size_t)d->across * d->down; i++) {
         read_block(d, weights, i, inside);
         sums[i] = sum_of(inside, cells);
-        if (!is_even(inside, cells, sums[i], tolerance)) d->details[i] = ++uneven;
+        d->columns[i].table = is_even(inside, cells, sums[i], tolerance) ? 0 : UNEVEN | uneven++;
     }
     return uneven;
 }
@@ -182,10 +190,13 @@ distribution_t *distribution_new(const float *weights, uint32_t width, uint32_t 
     make_guide(d->row_guide, d->row_buckets, d->rows, d->down);
     double scale = d->total > 0 ? (double)width * height / d->total : 0;
     for (size_t i = 0; i < blocks; i++) {
-        d->columns[i].density = (float)(sums[i] / (d->side * d->side) * scale);
-        if (d->details[i] == 0) continue;
-        read_block(d, weights, i, inside);
-        fill_table(d, d->tables + (size_t)(d->details[i] - 1) * table_size(d), inside, scale);
+        cell_t *table = table_of(d, &d->columns[i]);
+        if (table != NULL) {
+            read_block(d, weights, i, inside);
+            fill_table(d, table, inside, scale);
+        } else {
+            d->columns[i].density = (float)(sums[i] / (d->side * d->side) * scale);
+        }
     }
     free(sums);
     free(row_sums);
@@ -200,7 +211,6 @@ void distribution_destroy(distribution_t **distribution)
     free(d->column_guides);
     free(d->rows);
     free(d->row_guide);
-    free(d->details);
     free(d->tables);
     free(d);
     *distribution = NULL;
@@ -219,11 +229,9 @@ static uint32_t invert(const axis_t *axis, float u, float *part)
 {
     u = float_min(float_max(u, 0), 0x1.fffffep-1f);
     uint32_t low = 0, high = axis->count - 1;
-    if (axis->guide != NULL) {
-        uint32_t bucket = (uint32_t)(u * (float)axis->buckets);
-        low = axis->guide[bucket];
-        if (bucket + 1 < axis->buckets) high = axis->guide[bucket + 1];
-    }
+    uint32_t bucket = (uint32_t)(u * (float)axis->buckets);
+    low = axis->guide[bucket];
+    if (bucket + 1 < axis->buckets) high = axis->guide[bucket + 1];
     while (low < high) {
         uint32_t middle = low + (high - low) / 2;
         if (axis->cells[middle].cumulative > u)
@@ -236,6 +244,17 @@ static uint32_t invert(const axis_t *axis, float u, float *part)
     return low;
 }
 
+/* The same of a few cells, without a branch that a processor would have to guess. */
+static uint32_t invert_few(const cell_t *cells, uint32_t count, float u, float *part)
+{
+    u = float_min(float_max(u, 0), 0x1.fffffep-1f);
+    uint32_t cell = 0;
+    for (uint32_t i = 0; i < count - 1; i++) cell += cells[i].cumulative <= u;
+    float before = cell > 0 ? cells[cell - 1].cumulative : 0;
+    *part = (u - before) / (cells[cell].cumulative - before);
+    return cell;
+}
+
 /* A coordinate inside a cell, in the sense of cell_of, whatever the rounding. */
 static float place(uint32_t cell, float part, uint32_t count)
 {
@@ -243,12 +262,6 @@ static float place(uint32_t cell, float part, uint32_t count)
     while (cell_of(at, count) > cell) at = nextafterf(at, 0);
     while (cell_of(at, count) < cell) at = nextafterf(at, 1);
     return at;
-}
-
-/* The table of an uneven block; NULL for others. */
-static const cell_t *table_of(const distribution_t *d, size_t block)
-{
-    return d->details[block] > 0 ? d->tables + (size_t)(d->details[block] - 1) * table_size(d) : NULL;
 }
 
 vec2_t distribution_sample(const distribution_t *d, vec2_t u, float *pdf)
@@ -261,14 +274,13 @@ vec2_t distribution_sample(const distribution_t *d, vec2_t u, float *pdf)
     axis_t columns = {d->across, d->column_buckets, d->columns + start,
                       d->column_guides + (size_t)y * d->column_buckets};
     uint32_t x = invert(&columns, u.x, &u.x);
-    const cell_t *table = table_of(d, start + x);
+    const cell_t *table = table_of(d, &columns.cells[x]);
     *pdf = columns.cells[x].density;
     if (table == NULL) return (vec2_t){place(x, u.x, d->across), place(y, u.y, d->down)};
-    axis_t inner_rows = {d->side, 0, table, NULL};
-    uint32_t inner_y = invert(&inner_rows, u.y, &u.y);
-    axis_t inner_columns = {d->side, 0, table + d->side + (size_t)inner_y * d->side, NULL};
-    uint32_t inner_x = invert(&inner_columns, u.x, &u.x);
-    *pdf = inner_columns.cells[inner_x].density;
+    uint32_t inner_y = invert_few(table, d->side, u.y, &u.y);
+    const cell_t *inside = table + d->side + (size_t)inner_y * d->side;
+    uint32_t inner_x = invert_few(inside, d->side, u.x, &u.x);
+    *pdf = inside[inner_x].density;
     return (vec2_t){place(x * d->side + inner_x, u.x, d->width),
                     place(y * d->side + inner_y, u.y, d->height)};
 }
@@ -276,10 +288,10 @@ vec2_t distribution_sample(const distribution_t *d, vec2_t u, float *pdf)
 float distribution_pdf(const distribution_t *d, vec2_t at)
 {
     uint32_t x = cell_of(at.x, d->width), y = cell_of(at.y, d->height), rest = d->side - 1;
-    size_t block = (size_t)(y >> d->shift) * d->across + (x >> d->shift);
+    const cell_t *block = &d->columns[(size_t)(y >> d->shift) * d->across + (x >> d->shift)];
     const cell_t *table = table_of(d, block);
     return table != NULL ? table[d->side + ((size_t)(y & rest) << d->shift) + (x & rest)].density
-                         : d->columns[block].density;
+                         : block->density;
 }
 
 /* The number that invert takes to a part of a cell. */
@@ -300,7 +312,7 @@ vec2_t distribution_numbers(const distribution_t *d, vec2_t at)
     uint32_t x = cell_of(at.x, d->width), y = cell_of(at.y, d->height), rest = d->side - 1;
     uint32_t outer_x = x >> d->shift, outer_y = y >> d->shift;
     size_t start = (size_t)outer_y * d->across;
-    const cell_t *table = table_of(d, start + outer_x);
+    const cell_t *table = table_of(d, &d->columns[start + outer_x]);
     vec2_t part = {part_at(at.x, outer_x, d->across), part_at(at.y, outer_y, d->down)};
     if (table != NULL) {
         const cell_t *row = table + d->side + ((size_t)(y & rest) << d->shift);
