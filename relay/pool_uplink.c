@@ -447,9 +447,9 @@ static issue_t *issues_of(issued_t *issued, const batch_t *batch)
 }
 
 /* Takes the first parcel, and how its units were issued; NULL when there is none. No lock held. */
-static const batch_t *close_parcel(pool_t *pool, relay_job_t *job, issue_t **issues)
+static batch_t *close_parcel(pool_t *pool, relay_job_t *job, issue_t **issues)
 {
-    const batch_t *batch = NULL;
+    batch_t *batch = NULL;
     pthread_rwlock_wrlock(&job->adding); /* waits until what is being added is in */
     pool_lock(pool);
     if (job->parcels != NULL && (!job->over || job->flush)) {
@@ -466,7 +466,7 @@ static const batch_t *close_parcel(pool_t *pool, relay_job_t *job, issue_t **iss
 }
 
 /* The batch of a check that is done; *issues are of its units. */
-static const batch_t *close_check(relay_job_t *job, uint64_t number, issue_t **issues)
+static batch_t *close_check(relay_job_t *job, uint64_t number, issue_t **issues)
 {
     for (size_t i = 0; i < job->check_count; i++) {
         if (job->checks[i]->number != number || !job->checks[i]->done) continue;

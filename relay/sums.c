@@ -43,7 +43,7 @@ void sum_free(sum_t **pointer)
     *pointer = NULL;
 }
 
-const batch_t *sum_batch(const sum_t *sum)
+batch_t *sum_batch(sum_t *sum)
 {
     return &sum->batch;
 }

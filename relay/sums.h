@@ -25,6 +25,6 @@ result_t sum_read(batch_t *batch, const zmq_msg_t payload[BATCH_PAYLOADS], const
  * counted, so that the job fails for it as it would have without a relay. */
 size_t sum_add(sum_t *sum, const addend_t *addend);
 /* What there is. */
-const batch_t *sum_batch(const sum_t *sum);
+batch_t *sum_batch(sum_t *sum);
 
 #endif

@@ -5,10 +5,26 @@
 
 #include <string.h>
 
+result_t encode_either(const batch_t *batch, bool compress, zmq_msg_t payload[BATCH_PAYLOADS])
+{
+    if (compress) return payload_encode(batch, payload);
+    batch_t copy;
+    batch_init(&copy, &batch->settings);
+    for (sum_kind_t k = 0; k < BATCH_SUMS; k++) {
+        const sum_array_t *sums = &batch->sums[k];
+        if (sums->count == 0) continue;
+        sum_array_zeroes(&copy.sums[k], sums->count);
+        memcpy(copy.sums[k].values, sums->values, sums->count * sizeof *sums->values);
+    }
+    result_t result = payload_wrap(&copy, payload);
+    batch_free(&copy);
+    return result;
+}
+
 result_t merge_as_master(film_t *film, const batch_t *batch, const uint32_t *weights, int sign)
 {
     zmq_msg_t payload[BATCH_PAYLOADS];
-    TRY(payload_encode(batch, true, payload));
+    TRY(payload_encode(batch, payload));
     film_t *lent = mem_alloc(sizeof *lent);
     *lent = *film; /* its sums alone: they are taken back below */
     shared_film_t *shared_film = shared_film_new(lent);

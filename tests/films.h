@@ -4,7 +4,10 @@
 #define LIGHTMILL_FILMS_H
 
 #include "common/film/film.h"
+#include "proto/wire/payload.h"
 
+/* The payloads of a batch, which keeps its sums: coded as they go over a network, or as within a process. */
+result_t encode_either(const batch_t *batch, bool compress, zmq_msg_t payload[BATCH_PAYLOADS]);
 /* Adds a batch as the master does: encodes it and adds its payloads through a shared film around this one
  * (shared_film_merge_payload, which says what `weights` and `sign` are and when it fails). */
 result_t merge_as_master(film_t *film, const batch_t *batch, const uint32_t *weights, int sign);

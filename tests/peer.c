@@ -317,7 +317,7 @@ result_t peer_send_check(peer_t *peer, uint64_t job, uint64_t check, const batch
     free(issues);
     body.counts = &counts;
     Lm__Envelope envelope = WIRE_ENVELOPE(BATCH_RESULT, batch_result, &body);
-    assert_int_equal(payload_encode(batch, true, payload).code, RESULT_OK);
+    assert_int_equal(payload_encode(batch, payload).code, RESULT_OK);
     wire_message_t answer = peer_ask_bulk(peer, &envelope, payload, BATCH_PAYLOADS);
     free(body.units);
     assert_int_equal(answer.envelope->body_case, LM__ENVELOPE__BODY_BATCH_REPLY);

@@ -1,5 +1,6 @@
 /* toy_farm: see toy_farm.h. */
 #include "tests/toy_farm.h"
+#include "tests/films.h"
 
 #include "master/state/state.h"
 
@@ -161,9 +162,7 @@ static batch_t make_batch(const job_settings_t *settings, const unit_t *units, s
     batch.units = mem_alloc(count * sizeof *units);
     memcpy(batch.units, units, count * sizeof *units);
     batch.unit_count = batch.unit_capacity = count;
-    for (size_t i = 0; i < count; i++)
-        batch.sums[SUM_EYE].count += sum_unit_values(settings, SUM_EYE, &units[i]);
-    batch.sums[SUM_EYE].values = mem_zalloc(batch.sums[SUM_EYE].count, sizeof *batch.sums[SUM_EYE].values);
+    sum_array_zeroes(&batch.sums[SUM_EYE], batch_expected_values(&batch, SUM_EYE));
     int64_t *tile = batch.sums[SUM_EYE].values;
     for (size_t i = 0; i < count; i++) {
         size_t values = sum_unit_values(settings, SUM_EYE, &units[i]);
@@ -210,7 +209,7 @@ static result_t deliver(farm_t *farm, double now, uint64_t worker, uint64_t id, 
     for (size_t i = 0; i < wrong; i++) batch.sums[SUM_EYE].values[i] += lie;
     batch.counts.overflows = overflows;
     zmq_msg_t payload[BATCH_PAYLOADS];
-    assert_int_equal(payload_encode(&batch, false, payload).code, RESULT_OK);
+    assert_int_equal(encode_either(&batch, false, payload).code, RESULT_OK);
     result_t result = farm_batch_commit(farm, now, &open, &batch, payload);
     for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
     batch_free(&batch);

@@ -269,9 +269,9 @@ static void forget_issued(render_pool_t *pool)
 }
 
 /* Closes the open batch; NULL when it is empty. Lock held. */
-static const batch_t *close_open(render_pool_t *pool)
+static batch_t *close_open(render_pool_t *pool)
 {
-    const batch_t *batch = NULL;
+    batch_t *batch = NULL;
     pthread_mutex_lock(&pool->fill);
     if (pool->slots[pool->open].batch.unit_count > 0) {
         batch = &pool->slots[pool->open].batch;

@@ -17,6 +17,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <ftw.h>
+#include <malloc.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -119,8 +120,17 @@ static void *worker_thread(void *argument)
     return NULL;
 }
 
+/* Each batch takes about what the one before it took. The C library is to keep that: fresh pages cost a short
+ * render several percent of its time. The master gives back now and then what is not used (bulk_server.c). */
+static void keep_memory(void)
+{
+    mallopt(M_MMAP_THRESHOLD, 32 << 20); /* the largest that there is */
+    mallopt(M_TRIM_THRESHOLD, 512 << 20);
+}
+
 static result_t start_thread(local_farm_t *farm)
 {
+    keep_memory();
     TRY(thread_start(&farm->thread, "worker", worker_thread, farm));
     farm->thread_started = true;
     return result_ok();

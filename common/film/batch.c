@@ -173,9 +173,8 @@ int64_t *batch_frame(batch_t *batch, sum_kind_t kind)
 {
     sum_array_t *frame = &batch->sums[kind];
     if (frame->count > 0) return frame->values;
-    frame->count = frame->capacity = sum_image_values(&batch->settings, kind);
-    free(frame->values);
-    return frame->values = mem_zalloc(frame->count, sizeof *frame->values);
+    sum_array_zeroes(frame, sum_image_values(&batch->settings, kind));
+    return frame->values;
 }
 
 static void add_splats(batch_t *batch, const unit_result_t *result)

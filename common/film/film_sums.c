@@ -139,17 +139,48 @@ bool sum_possible(sum_kind_t kind, const unit_t *unit, const int64_t *values, si
 
 /* ---- arrays -------------------------------------------------------------------------------------------- */
 
+static void *memory_of(int64_t *values)
+{
+    return values != NULL ? (char *)values - SUM_HEADROOM : NULL;
+}
+
+static int64_t *values_in(void *memory)
+{
+    return (int64_t *)((char *)memory + SUM_HEADROOM);
+}
+
 void sum_array_reserve(sum_array_t *array, size_t capacity)
 {
     if (array->capacity >= capacity) return;
-    array->values = mem_realloc(array->values, capacity * sizeof *array->values);
+    array->values =
+        values_in(mem_realloc(memory_of(array->values), SUM_HEADROOM + capacity * sizeof *array->values));
     array->capacity = capacity;
+}
+
+void sum_array_zeroes(sum_array_t *array, size_t count)
+{
+    sum_array_free(array);
+    *array =
+        (sum_array_t){values_in(mem_zalloc(SUM_HEADROOM + count * sizeof *array->values, 1)), count, count};
+}
+
+bool sum_array_try(sum_array_t *array, size_t capacity)
+{
+    sum_array_free(array);
+    void *memory = malloc(SUM_HEADROOM + capacity * sizeof *array->values);
+    if (memory != NULL) *array = (sum_array_t){values_in(memory), 0, capacity};
+    return memory != NULL;
 }
 
 void sum_array_free(sum_array_t *array)
 {
-    free(array->values);
+    sum_values_free(array->values);
     *array = (sum_array_t){0};
+}
+
+void sum_values_free(int64_t *values)
+{
+    free(memory_of(values));
 }
 
 /* ---- adding -------------------------------------------------------------------------------------------- */

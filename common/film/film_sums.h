@@ -113,16 +113,24 @@ size_t sum_frame_bytes(const job_settings_t *settings);
  * overflow. */
 bool sum_possible(sum_kind_t kind, const unit_t *unit, const int64_t *values, size_t count);
 
-/* An array of sums that grows; zeroed: empty. */
+/* An array of sums that grows; zeroed: empty. Its memory is made by the calls below alone: before the values
+ * are SUM_HEADROOM bytes for who sends them as they are. */
 typedef struct {
     int64_t *values;
     size_t count, capacity;
 } sum_array_t;
+enum { SUM_HEADROOM = 64 };
 
 /* Makes room for so many values; those up to `count` stay. */
 void sum_array_reserve(sum_array_t *array, size_t capacity);
+/* Frees it and makes it one of so many zeroes. */
+void sum_array_zeroes(sum_array_t *array, size_t count);
+/* Frees it and makes room for so many values, a number that came from a peer. False when memory lacks. */
+bool sum_array_try(sum_array_t *array, size_t capacity);
 /* Frees it and makes it empty. */
 void sum_array_free(sum_array_t *array);
+/* Frees the values of an array that were taken out of it. */
+void sum_values_free(int64_t *values);
 
 /* Radiance to fixed point, rounded to nearest even. A value that does not fit is saturated at +-2^62 and
  * shows as an overflow when it is added. The caller has dropped NaN and infinity. */

@@ -644,7 +644,10 @@ static result_t close_batch(bulk_t *bulk, delivery_t *delivery)
     const uplink_handler_t *handler = &bulk->options.handler;
     delivery->closed = handler->calls->close(handler->self, &delivery->offer);
     if (delivery->closed.batch == NULL) return result_fail(RESULT_CANCELLED, "the job is over");
-    result_t result = payload_encode(delivery->closed.batch, !bulk->options.local, delivery->encoded);
+    batch_t *batch = delivery->closed.batch;
+    double raw = (double)batch_bytes(batch);
+    result_t result = bulk->options.local ? payload_wrap(batch, delivery->encoded)
+                                          : payload_encode(batch, delivery->encoded);
     if (result.code != RESULT_OK) {
         log_error("batch %llu is lost: %s", (unsigned long long)delivery->closed.sequence, result.message);
         handler->calls->sent(handler->self, &delivery->closed, false);
@@ -654,7 +657,7 @@ static result_t close_batch(bulk_t *bulk, delivery_t *delivery)
     }
     for (int i = 0; i < BATCH_PAYLOADS; i++)
         delivery->bytes += (double)(delivery->closed.coded[i] = zmq_msg_size(&delivery->encoded[i]));
-    bulk->ratio = delivery->bytes / (double)batch_bytes(delivery->closed.batch);
+    bulk->ratio = delivery->bytes / raw;
     return result;
 }
 

@@ -19,7 +19,7 @@ typedef struct {
     uint64_t cache_limit; /* bytes */
     uint64_t memory;      /* bytes that a job may take, its frames included; scenes may be kept there that the
                              disk does not take */
-    bool local;           /* payloads are not compressed */
+    bool local;           /* payloads are handed over as they are */
     dial_keys_t keys;     /* what they point to is kept by the caller */
     double patience;      /* seconds for an answer of the master, on a connection that lives */
 } bulk_options_t;

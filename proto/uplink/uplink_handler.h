@@ -43,11 +43,12 @@ typedef struct {
     uint64_t bytes; /* what it takes uncompressed */
 } offer_t;
 
-/* A closed batch on its way: the handler's own until it is told that it was sent. */
+/* A closed batch on its way: the handler's own until it is told that it was sent, but for its sums, which go
+ * with it in a master's own process. */
 typedef struct {
     offer_t offer;
     uint64_t sequence;          /* the handler's own count of its batches */
-    const batch_t *batch;       /* NULL: there is none any more */
+    batch_t *batch;             /* NULL: there is none any more */
     issue_t *issues;            /* of its units, in fresh memory that the caller of `close` frees */
     uint64_t coded[BATCH_SUMS]; /* bytes of its sums as they were sent; 0: they were not */
 } closed_batch_t;

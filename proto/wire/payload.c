@@ -227,17 +227,25 @@ static result_t encode_streams(scratch_t *scratch, const sum_layout_t *layout, c
     return output_message(&out, message);
 }
 
-static result_t encode_raw(const sum_array_t *sums, zmq_msg_t *message)
+static void free_values(void *bytes, void *hint)
 {
-    size_t size = FRAME_HEADER + sums->count * sizeof *sums->values;
-    if (zmq_msg_init_size(message, size) != 0)
-        return result_fail(RESULT_LIMIT, "no memory for a payload of %zu bytes", size);
-    uint8_t *bytes = zmq_msg_data(message);
+    (void)hint;
+    sum_values_free((int64_t *)((uint8_t *)bytes + FRAME_HEADER));
+}
+
+/* Takes the values as they are; the header lies before them. */
+static result_t wrap(sum_array_t *sums, zmq_msg_t *message)
+{
+    uint8_t *bytes = (uint8_t *)sums->values - FRAME_HEADER;
     memset(bytes, 0, FRAME_HEADER);
     bytes[0] = CODEC_RAW;
-    memcpy(bytes + FRAME_HEADER, sums->values, sums->count * sizeof *sums->values);
+    size_t size = FRAME_HEADER + sums->count * sizeof *sums->values;
+    if (zmq_msg_init_data(message, bytes, size, free_values, NULL) != 0)
+        return result_fail(RESULT_LIMIT, "no memory for a payload of %zu bytes", size);
+    *sums = (sum_array_t){0};
     return result_ok();
 }
+_Static_assert((int)FRAME_HEADER <= (int)SUM_HEADROOM, "no room for the header");
 
 int payload_count(const zmq_msg_t payload[BATCH_PAYLOADS])
 {
@@ -246,19 +254,36 @@ int payload_count(const zmq_msg_t payload[BATCH_PAYLOADS])
     return count;
 }
 
-result_t payload_encode(const batch_t *batch, bool compress, zmq_msg_t payload[BATCH_PAYLOADS])
+static void open_all(zmq_msg_t payload[BATCH_PAYLOADS])
 {
-    scratch_t *scratch = compress ? scratch_new() : NULL;
-    result_t result = result_ok();
-    if (compress && scratch == NULL) result = result_fail(RESULT_LIMIT, "no memory for the compressor");
     for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_init(&payload[i]);
-    for (int i = 0; i < BATCH_PAYLOADS && result.code == RESULT_OK; i++) {
-        const sum_array_t *sums = &batch->sums[i];
-        if (sums->count > 0)
-            result = compress ? encode_streams(scratch, &film_sums[i], sums, &payload[i])
-                              : encode_raw(sums, &payload[i]);
-    }
+}
+
+/* None is left open where something failed. */
+static result_t close_failed(result_t result, zmq_msg_t payload[BATCH_PAYLOADS])
+{
     for (int i = 0; i < BATCH_PAYLOADS && result.code != RESULT_OK; i++) zmq_msg_close(&payload[i]);
-    if (scratch != NULL) scratch_free(scratch);
     return result;
+}
+
+result_t payload_encode(const batch_t *batch, zmq_msg_t payload[BATCH_PAYLOADS])
+{
+    scratch_t *scratch = scratch_new();
+    if (scratch == NULL) return result_fail(RESULT_LIMIT, "no memory for the compressor");
+    result_t result = result_ok();
+    open_all(payload);
+    for (int i = 0; i < BATCH_PAYLOADS && result.code == RESULT_OK; i++)
+        if (batch->sums[i].count > 0)
+            result = encode_streams(scratch, &film_sums[i], &batch->sums[i], &payload[i]);
+    scratch_free(scratch);
+    return close_failed(result, payload);
+}
+
+result_t payload_wrap(batch_t *batch, zmq_msg_t payload[BATCH_PAYLOADS])
+{
+    result_t result = result_ok();
+    open_all(payload);
+    for (int i = 0; i < BATCH_PAYLOADS && result.code == RESULT_OK; i++)
+        if (batch->sums[i].count > 0) result = wrap(&batch->sums[i], &payload[i]);
+    return close_failed(result, payload);
 }

@@ -18,9 +18,11 @@ enum {
     PAYLOAD_PIECE_VALUES = SUM_GROUP_VALUES * PAYLOAD_PIECE /* values of a piece, at most */
 };
 
-/* Makes the payload messages for wire_send. `compress` false stores the sums as they are, for inproc. On
- * failure none is open. */
-result_t payload_encode(const batch_t *batch, bool compress, zmq_msg_t payload[BATCH_PAYLOADS]);
+/* Makes the payload messages for wire_send. On failure none is open. */
+result_t payload_encode(const batch_t *batch, zmq_msg_t payload[BATCH_PAYLOADS]);
+/* The same without compression and without a copy, for inproc: the messages take the batch's sums over, of
+ * which it has none any more, even on failure. */
+result_t payload_wrap(batch_t *batch, zmq_msg_t payload[BATCH_PAYLOADS]);
 /* How many of them a message takes: those that only some jobs have are left out at the end when they are
  * empty, so that the messages of other jobs are as they were before there were such. */
 int payload_count(const zmq_msg_t payload[BATCH_PAYLOADS]);

@@ -435,13 +435,8 @@ static result_t decode(payload_reader_t *reader, const zmq_msg_t *payload, sum_k
     sums->count = 0;
     TRY(payload_open(reader, payload, kind, count));
     if (reader->size == 0) return result_ok();
-    if (sums->capacity < count) {
-        sum_array_free(sums);
-        sums->values = malloc(count * sizeof *sums->values);
-        if (sums->values == NULL)
-            return result_fail(RESULT_LIMIT, "no memory for %zu %s values", count, reader->layout->name);
-        sums->capacity = count;
-    }
+    if (sums->capacity < count && !sum_array_try(sums, count))
+        return result_fail(RESULT_LIMIT, "no memory for %zu %s values", count, reader->layout->name);
     for (payload_piece_t piece; payload_read(reader, &piece);)
         store_piece(&piece, reader->layout->values, sums->values);
     TRY(payload_end(reader));
@@ -554,10 +549,11 @@ static result_t decode_places(payload_reader_t *reader, const zmq_msg_t *payload
     TRY(payload_open(reader, payload, kind, batch_expected_values(batch, kind)));
     if (reader->size == 0) return result_ok();
     find_places(batch, part, kind, places);
-    sums->count = batch_expected_values(part, kind);
-    if (sums->count > 0) sums->values = calloc(sums->count, sizeof *sums->values);
-    if (sums->count > 0 && sums->values == NULL)
-        return result_fail(RESULT_LIMIT, "no memory for %zu %s values", sums->count, reader->layout->name);
+    size_t count = batch_expected_values(part, kind);
+    if (!sum_array_try(sums, count))
+        return result_fail(RESULT_LIMIT, "no memory for %zu %s values", count, reader->layout->name);
+    memset(sums->values, 0, count * sizeof *sums->values);
+    sums->count = count;
     skip_bands(reader, places, part->unit_count);
     for (payload_piece_t piece; payload_read(reader, &piece);) {
         store_places(&piece, reader->layout->values, places, part->unit_count, sums->values);

@@ -39,7 +39,7 @@ static void make_batch(const job_settings_t *settings, batch_t *batch, zmq_msg_t
 {
     batch_init(batch, settings);
     fill(batch_frame(batch, SUM_SPLAT), sum_image_values(settings, SUM_SPLAT), 0.2);
-    if (payload_encode(batch, true, payload).code != RESULT_OK) abort();
+    if (payload_encode(batch, payload).code != RESULT_OK) abort();
 }
 
 /* Mergers that go on until they are stopped, and how many batches they managed. */

@@ -175,10 +175,11 @@ static measure_t measure_payload(const job_settings_t *settings, sum_kind_t kind
     batch_init(&got, settings);
     fill_units(&sent, kind);
     fill_units(&got, kind);
-    sent.sums[kind] = (sum_array_t){.values = values, .count = count};
+    sum_array_zeroes(&sent.sums[kind], count);
+    memcpy(sent.sums[kind].values, values, count * sizeof *values);
     memset(batch_frame(&got, kind), 1, count * sizeof(int64_t)); /* kept and paged in, as in the master */
     double start = clock_cpu();
-    result_t result = payload_encode(&sent, compress, payload);
+    result_t result = compress ? payload_encode(&sent, payload) : payload_wrap(&sent, payload);
     m.encode = clock_cpu() - start;
     if (result.code != RESULT_OK) return m;
     m.bytes = zmq_msg_size(&payload[kind]);
@@ -188,7 +189,7 @@ static measure_t measure_payload(const job_settings_t *settings, sum_kind_t kind
     m.same = result.code == RESULT_OK && memcmp(values, got.sums[kind].values, count * sizeof *values) == 0;
     for (int i = 0; i < BATCH_PAYLOADS; i++) zmq_msg_close(&payload[i]);
     batch_free(&got);
-    free(sent.units);
+    batch_free(&sent);
     return m;
 }
 

@@ -90,7 +90,7 @@ static void bench(shared_film_t *shared_film, const renderer_t *renderer, const 
     batch_t batch = render_batch(renderer, settings, seconds);
     zmq_msg_t payload[BATCH_PAYLOADS];
     double start = thread_cpu();
-    check(payload_encode(&batch, true, payload));
+    check(payload_encode(&batch, payload));
     double encode = thread_cpu() - start, best = 1e30, copy = copy_rate(raw);
     sum_limits_t limits = {.once = {0}};
     for (sum_kind_t k = 0; k < BATCH_SUMS; k++) /* as the master, but nothing is beyond */

@@ -62,7 +62,7 @@ static double density_of(const batch_t *batch)
 static result_t keep_level(level_t *level, const batch_t *batch, double seconds)
 {
     zmq_msg_t payload[BATCH_PAYLOADS];
-    TRY(payload_encode(batch, true, payload));
+    TRY(payload_encode(batch, payload));
     level->seconds = seconds;
     level->density = density_of(batch);
     zmq_msg_init(&level->frame);
@@ -101,7 +101,7 @@ static result_t keep_lessons(prepared_t *prepared, const renderer_t *renderer)
         batch_init(&batch, settings);
         int64_t *to = batch_frame(&batch, SUM_LESSONS) + pass * LEARNING_PLACES;
         for (size_t i = 0; i < LEARNING_PLACES; i++) to[i] = from[i] & ((1 << LEARNING_BITS) - 1);
-        result = payload_encode(&batch, true, payload);
+        result = payload_encode(&batch, payload);
         batch_free(&batch);
         if (result.code != RESULT_OK) break;
         zmq_msg_move(&prepared->lessons[pass], &payload[SUM_LESSONS]);
@@ -178,7 +178,7 @@ void prepared_destroy(prepared_t **pointer)
     for (size_t i = 0; i < prepared->eyes_count; i++) zmq_msg_close(&prepared->eyes[i].frame);
     pthread_mutex_destroy(&prepared->lock);
     free(prepared->eyes);
-    free(prepared->eye);
+    sum_values_free(prepared->eye);
     free(prepared->bytes);
     free(prepared);
     *pointer = NULL;
@@ -242,7 +242,7 @@ static const zmq_msg_t *eye_frame(prepared_t *prepared, size_t values)
         memcpy(batch.sums[SUM_EYE].values + at, prepared->eye, part * sizeof *batch.sums[SUM_EYE].values);
     }
     zmq_msg_t payload[BATCH_PAYLOADS];
-    result_t result = payload_encode(&batch, true, payload);
+    result_t result = payload_encode(&batch, payload);
     sum_array_free(&batch.sums[SUM_EYE]);
     if (result.code != RESULT_OK) {
         log_error("%s", result.message);

@@ -163,7 +163,7 @@ static size_t send_batch(const test_t *t, sender_t *sender)
     Lm__Envelope envelope = LM__ENVELOPE__INIT;
     zmq_msg_t payload[BATCH_PAYLOADS];
     size_t bytes = 0;
-    must(payload_encode(&sender->batch, false, payload));
+    must(encode_either(&sender->batch, false, payload));
     for (int i = 0; i < BATCH_PAYLOADS; i++) bytes += zmq_msg_size(&payload[i]);
     wire_counts_put(&sender->batch.counts, &counts);
     body.worker = sender->worker;

@@ -3,6 +3,7 @@
 #include "common/image/image.h"
 #include "master/farm/farm.h"
 #include "master/master.h"
+#include "tests/films.h"
 #include "tests/peer.h"
 #include "tests/scratch.h"
 
@@ -678,7 +679,7 @@ static void send_damaged(peer_t *peer, uint64_t job, const batch_t *batch, int n
     free(issues);
     envelope.body_case = LM__ENVELOPE__BODY_BATCH_RESULT;
     envelope.batch_result = &body;
-    assert_int_equal(payload_encode(batch, number % 2, good).code, RESULT_OK);
+    assert_int_equal(encode_either(batch, number % 2, good).code, RESULT_OK);
     for (int p = 0; p < BATCH_PAYLOADS; p++) {
         *random = *random * 6364136223846793005u + 1442695040888963407u;
         size_t size = zmq_msg_size(&good[p]);

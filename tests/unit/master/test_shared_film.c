@@ -140,7 +140,7 @@ static void close_all(zmq_msg_t payload[BATCH_PAYLOADS])
 static void merge_one(shared_film_t *shared_film, const batch_t *batch, int sign)
 {
     zmq_msg_t payload[BATCH_PAYLOADS];
-    assert_int_equal(payload_encode(batch, true, payload).code, RESULT_OK);
+    assert_int_equal(payload_encode(batch, payload).code, RESULT_OK);
     shared_film_enter(shared_film);
     assert_int_equal(shared_film_merge_payload(shared_film, payload, batch, NULL, sign).code, RESULT_OK);
     shared_film_leave(shared_film);
@@ -195,7 +195,7 @@ static void merging_makes_the_film(void **state)
         shared_film_t *shared_film = shared_film_of(&settings);
         for (size_t i = 0; i < 6; i++) {
             zmq_msg_t payload[BATCH_PAYLOADS];
-            assert_int_equal(payload_encode(&batches[i], compress, payload).code, RESULT_OK);
+            assert_int_equal(encode_either(&batches[i], compress, payload).code, RESULT_OK);
             shared_film_enter(shared_film);
             assert_int_equal(shared_film_merge_payload(shared_film, payload, &batches[i], NULL, 1).code,
                              RESULT_OK);
@@ -237,7 +237,7 @@ static void eye_sums_and_samples_are_weighted(void **state)
     for (int compress = 0; compress < 2; compress++) {
         shared_film_t *shared_film = shared_film_of(&settings);
         zmq_msg_t payload[BATCH_PAYLOADS];
-        assert_int_equal(payload_encode(&batch, compress, payload).code, RESULT_OK);
+        assert_int_equal(encode_either(&batch, compress, payload).code, RESULT_OK);
         shared_film_enter(shared_film);
         assert_int_equal(shared_film_merge_payload(shared_film, payload, &batch, weights, 1).code, RESULT_OK);
         shared_film_leave(shared_film);
@@ -287,7 +287,7 @@ static void damaged_batches_leave_no_trace(void **state)
     for (int i = 0; i < rounds; i++) {
         zmq_msg_t good[BATCH_PAYLOADS], bad[BATCH_PAYLOADS];
         int which = i / 4 % BATCH_PAYLOADS;
-        assert_int_equal(payload_encode(&batch, i % 4 > 0, good).code, RESULT_OK);
+        assert_int_equal(encode_either(&batch, i % 4 > 0, good).code, RESULT_OK);
         memcpy(bad, good, sizeof bad);
         size_t size = zmq_msg_size(&good[which]);
         copy_frame(&bad[which], &good[which], i % 7 == 0 ? size - 1 : size);
@@ -334,7 +334,7 @@ static void wild_lessons_leave_no_trace(void **state)
             (wild[i / 2].pass + 1) * LEARNING_PLACES - 1 - i; /* near the end: much was added before */
         int64_t value = batch.sums[SUM_LESSONS].values[at];
         batch.sums[SUM_LESSONS].values[at] = wild[i / 2].value;
-        assert_int_equal(payload_encode(&batch, i % 2, payload).code, RESULT_OK);
+        assert_int_equal(encode_either(&batch, i % 2, payload).code, RESULT_OK);
         result_t result = merge_payload(shared_film, payload, &batch, 1);
         assert_int_equal(result.code, RESULT_PROTOCOL);
         assert_non_null(strstr(result.message, "lesson"));
@@ -421,7 +421,7 @@ static void values_beyond_limits_leave_no_trace(void **state)
             sum_limits_t limits = limits_of(BITS);
             limits.measured = i / 8 % 2 > 0;
             sums->values[at] = i % 8 < 4 ? most + beyond : -most - 1 - beyond;
-            assert_int_equal(payload_encode(&batch, i % 3 > 0, payload).code, RESULT_OK);
+            assert_int_equal(encode_either(&batch, i % 3 > 0, payload).code, RESULT_OK);
             assert_int_equal(merge_within(shared_film, payload, &batch, &limits).code,
                              beyond ? RESULT_CANCELLED : RESULT_OK);
             if (!beyond) {
@@ -450,7 +450,7 @@ static void limits_grow_with_samples(void **state)
     uint32_t *weights = mem_alloc(batch.unit_count * sizeof *weights);
     for (size_t i = 0; i < batch.unit_count; i++) weights[i] = JOB_MAX_BOOST;
     batch.sums[SUM_EYE].values[7] = (INT64_C(1) << 52) - 1;
-    assert_int_equal(payload_encode(&batch, true, payload).code, RESULT_OK);
+    assert_int_equal(payload_encode(&batch, payload).code, RESULT_OK);
     for (int more = 0; more < 2; more++) {
         sum_limits_t limits = limits_of(50);
         shared_film_enter(shared_film);
@@ -476,7 +476,7 @@ static void overflow(sum_kind_t kind, size_t at, int64_t value, int times)
     sum_limits_t limits = limits_of(62);
     batch.sums[kind].values[at] = value;
     film_t *film = film_of(&batch, 1);
-    assert_int_equal(payload_encode(&batch, true, payload).code, RESULT_OK);
+    assert_int_equal(payload_encode(&batch, payload).code, RESULT_OK);
     for (int i = 0; i < times; i++) {
         if (i > 0) merge_plainly(film, &batch);
         assert_int_equal(merge_within(shared_film, payload, &batch, &limits).code, RESULT_OK);
@@ -514,7 +514,7 @@ static void overflows_count_only_when_all_is_well(void **state)
     batch.sums[SUM_SPLAT].values[2001] = INT64_MIN;
     batch.sums[SUM_SPLAT].values[3002] = -(INT64_C(1) << 62);
     batch.sums[SUM_SPLAT].values[100000] = INT64_C(1) << 61;
-    assert_int_equal(payload_encode(&batch, true, payload).code, RESULT_OK);
+    assert_int_equal(payload_encode(&batch, payload).code, RESULT_OK);
     copy_frame(&cut, &payload[2], zmq_msg_size(&payload[2]) - 1);
     zmq_msg_t damaged[BATCH_PAYLOADS];
     memcpy(damaged, payload, sizeof damaged);
@@ -554,7 +554,7 @@ static void impossible_features_are_refused(void **state)
                               1 - (INT64_C(1) << 58)};
     for (size_t i = 0; i < 2 * ARRAY_LENGTH(values); i++) {
         batch.sums[SUM_FEATURES].values[batch.sums[SUM_FEATURES].count - 20] = values[i / 2];
-        assert_int_equal(payload_encode(&batch, i % 2, payload).code, RESULT_OK);
+        assert_int_equal(encode_either(&batch, i % 2, payload).code, RESULT_OK);
         result_code_t code = merge_payload(shared_film, payload, &batch, 1).code;
         assert_int_equal(code, i / 2 < 4 ? RESULT_PROTOCOL : RESULT_OK);
         if (code == RESULT_OK)

@@ -53,7 +53,7 @@ static char *check_round_trip(const char *folder, const job_settings_t *settings
     zmq_msg_t written[BATCH_PAYLOADS], read[BATCH_PAYLOADS];
     spool_head_t head = {.units = batch.units, .unit_count = 1, .counts = {{5, 6}, 1, 2, 3, 4}}, found;
     strcpy(head.name, "a worker");
-    assert_int_equal(payload_encode(&batch, true, written).code, RESULT_OK);
+    assert_int_equal(payload_encode(&batch, written).code, RESULT_OK);
     assert_int_equal(spool_write(folder, 7, &name, &head, written).code, RESULT_OK);
     assert_int_equal(spool_read(folder, 7, &name, settings, &found, read).code, RESULT_OK);
     assert_int_equal(found.unit_count, 1);

@@ -30,9 +30,7 @@ static job_settings_t settings_of(int width, int height)
  */
 static void fill_features(batch_t *batch, uint64_t *seed)
 {
-    batch->sums[SUM_FEATURES].values =
-        mem_alloc(batch->sums[SUM_FEATURES].count * sizeof *batch->sums[SUM_FEATURES].values);
-    batch->sums[SUM_FEATURES].capacity = batch->sums[SUM_FEATURES].count;
+    sum_array_zeroes(&batch->sums[SUM_FEATURES], batch_expected_values(batch, SUM_FEATURES));
     for (size_t i = 0; i < batch->sums[SUM_FEATURES].count; i++) {
         size_t pixel = i / FEATURE_VALUES, value = i % FEATURE_VALUES;
         bool flat = value < FEATURE_POSITION || value >= FEATURE_COUNT;
@@ -97,11 +95,8 @@ static batch_t batch_of(const job_settings_t *settings, int occupancy, uint64_t 
     for (uint32_t t = 0; t < tiles; t += 2) {
         unit_t unit = {t, t % 8 == 6 ? FEATURE_SAMPLES : t % FEATURE_SAMPLES, 1};
         batch.units[batch.unit_count++] = unit;
-        batch.sums[SUM_EYE].count += sum_unit_values(settings, SUM_EYE, &unit);
-        batch.sums[SUM_FEATURES].count += sum_unit_values(settings, SUM_FEATURES, &unit);
     }
-    batch.sums[SUM_EYE].values = mem_alloc(batch.sums[SUM_EYE].count * sizeof *batch.sums[SUM_EYE].values);
-    batch.sums[SUM_EYE].capacity = batch.sums[SUM_EYE].count;
+    sum_array_zeroes(&batch.sums[SUM_EYE], batch_expected_values(&batch, SUM_EYE));
     for (size_t i = 0; i < batch.sums[SUM_EYE].count; i++)
         batch.sums[SUM_EYE].values[i] = (int64_t)draw(&seed) >> (draw(&seed) % 44);
     batch.sums[SUM_EYE].values[0] = INT64_MIN;
@@ -152,7 +147,7 @@ static void round_trips(void **state)
                 if (o % 2 == 0) strcpy(settings.light_groups, "a=1,b=2+3,sky=infinite,rest");
                 batch_t sent = batch_of(&settings, occupancies[o], s + 1), got = receiver_of(&sent);
                 zmq_msg_t payload[BATCH_PAYLOADS];
-                assert_int_equal(payload_encode(&sent, compress, payload).code, RESULT_OK);
+                assert_int_equal(encode_either(&sent, compress, payload).code, RESULT_OK);
                 assert_int_equal(payload_decode(payload, &got).code, RESULT_OK);
                 assert_same(&sent, &got);
                 /* once more into the memory that is there */
@@ -164,12 +159,31 @@ static void round_trips(void **state)
             }
 }
 
+/* Messages within a process outlive the batch, which has no sums any more and takes new ones. */
+static void what_is_wrapped_is_taken_over(void **state)
+{
+    (void)state;
+    job_settings_t settings = settings_of(100, 37);
+    batch_t sent = batch_of(&settings, 60, 1), same = batch_of(&settings, 60, 1), got = receiver_of(&sent);
+    zmq_msg_t payload[BATCH_PAYLOADS];
+    assert_int_equal(payload_wrap(&sent, payload).code, RESULT_OK);
+    for (sum_kind_t k = 0; k < BATCH_SUMS; k++) assert_int_equal(sent.sums[k].count, 0);
+    batch_clear(&sent);
+    memset(batch_frame(&sent, SUM_SPLAT), 1, sent.sums[SUM_SPLAT].count * sizeof(int64_t));
+    batch_free(&sent);
+    assert_int_equal(payload_decode(payload, &got).code, RESULT_OK);
+    assert_same(&same, &got);
+    close_all(payload);
+    batch_free(&same);
+    batch_free(&got);
+}
+
 /* What a message of this job takes. */
 static int count_of(const job_settings_t *settings)
 {
     batch_t batch = batch_of(settings, 60, 1);
     zmq_msg_t payload[BATCH_PAYLOADS];
-    assert_int_equal(payload_encode(&batch, true, payload).code, RESULT_OK);
+    assert_int_equal(payload_encode(&batch, payload).code, RESULT_OK);
     int count = payload_count(payload);
     close_all(payload);
     batch_free(&batch);
@@ -198,7 +212,7 @@ static void sparse_frames_are_small(void **state)
     job_settings_t settings = settings_of(640, 360);
     batch_t batch = batch_of(&settings, 2, 1); /* 0.8% of the pixels */
     zmq_msg_t payload[BATCH_PAYLOADS];
-    assert_int_equal(payload_encode(&batch, true, payload).code, RESULT_OK);
+    assert_int_equal(payload_encode(&batch, payload).code, RESULT_OK);
     assert_true(zmq_msg_size(&payload[1]) < sum_image_values(&settings, SUM_SPLAT) * sizeof(int64_t) / 100);
     close_all(payload);
     batch_free(&batch);
@@ -222,7 +236,7 @@ static void splats_of_few_colours_are_small(void **state)
             frame[p + 2] = (int64_t)(0.7 * shade * (double)frame[p]) + (int64_t)(draw(&seed) % 4);
         }
         zmq_msg_t payload[BATCH_PAYLOADS];
-        assert_int_equal(payload_encode(&batch, true, payload).code, RESULT_OK);
+        assert_int_equal(payload_encode(&batch, payload).code, RESULT_OK);
         sizes[i] = zmq_msg_size(&payload[SUM_SPLAT]);
         close_all(payload);
         batch_free(&batch);
@@ -238,10 +252,10 @@ static void no_splats_after_some(void **state)
     batch_t with = batch_of(&settings, 100, 1), without = batch_of(&settings, -1, 1),
             got = receiver_of(&with);
     zmq_msg_t payload[BATCH_PAYLOADS];
-    assert_int_equal(payload_encode(&with, true, payload).code, RESULT_OK);
+    assert_int_equal(payload_encode(&with, payload).code, RESULT_OK);
     assert_int_equal(payload_decode(payload, &got).code, RESULT_OK);
     close_all(payload);
-    assert_int_equal(payload_encode(&without, true, payload).code, RESULT_OK);
+    assert_int_equal(payload_encode(&without, payload).code, RESULT_OK);
     assert_int_equal(payload_decode(payload, &got).code, RESULT_OK);
     assert_same(&without, &got);
     close_all(payload);
@@ -375,7 +389,7 @@ static void reads_payloads_of_earlier_versions(void **state)
     settings.cryptomatte = true;
     batch_t sent = batch_of(&settings, 100, 3), got = receiver_of(&sent);
     zmq_msg_t payload[BATCH_PAYLOADS];
-    assert_int_equal(payload_encode(&sent, true, payload).code, RESULT_OK);
+    assert_int_equal(payload_encode(&sent, payload).code, RESULT_OK);
     for (int k = 0; k <= SUM_MATTES; k++) {
         const sum_layout_t *layout = &film_sums[k];
         size_t count = sent.sums[k].count, offset = 0;
@@ -407,7 +421,7 @@ static void refuses_truncated_and_longer_frames(void **state)
     zmq_msg_t payload[BATCH_PAYLOADS];
     for (int i = 0; i < 2 * BATCH_PAYLOADS; i++) {
         int which = i % BATCH_PAYLOADS, compress = i / BATCH_PAYLOADS;
-        assert_int_equal(payload_encode(&sent, compress, payload).code, RESULT_OK);
+        assert_int_equal(encode_either(&sent, compress, payload).code, RESULT_OK);
         size_t size = zmq_msg_size(&payload[which]), step = compress ? 97 : 9973;
         uint8_t *bytes = mem_zalloc(size + 8, 1);
         memcpy(bytes, zmq_msg_data(&payload[which]), size);
@@ -432,7 +446,7 @@ static void refuses_features_of_units_without(void **state)
     batch_t sent = batch_of(&settings, -1, 3), got = receiver_of(&sent);
     zmq_msg_t payload[BATCH_PAYLOADS];
     const uint8_t empty_frames[][8] = {{0}, {1}};
-    assert_int_equal(payload_encode(&sent, true, payload).code, RESULT_OK);
+    assert_int_equal(payload_encode(&sent, payload).code, RESULT_OK);
     for (size_t i = 0; i < got.unit_count; i++) got.units[i].first = FEATURE_SAMPLES;
     assert_int_equal(payload_decode(payload, &got).code, RESULT_PROTOCOL);
     for (size_t i = 0; i < ARRAY_LENGTH(empty_frames); i++)
@@ -459,7 +473,7 @@ static void flat_features_are_small(void **state)
     for (size_t i = 0; i < batch.sums[SUM_FEATURES].count; i++)
         batch.sums[SUM_FEATURES].values[i] =
             (int64_t)(i % FEATURE_VALUES << 34) + (int64_t)(i / FEATURE_VALUES) * 123456789;
-    assert_int_equal(payload_encode(&batch, true, payload).code, RESULT_OK);
+    assert_int_equal(payload_encode(&batch, payload).code, RESULT_OK);
     assert_true(zmq_msg_size(&payload[2]) < 4000); /* of 9.7 MB */
     close_all(payload);
     batch_free(&batch);
@@ -471,7 +485,7 @@ static void refuses_frames_of_another_size(void **state)
     job_settings_t small = settings_of(64, 64), large = settings_of(4096, 4096);
     batch_t sent = batch_of(&small, 40, 3), got;
     zmq_msg_t payload[BATCH_PAYLOADS];
-    assert_int_equal(payload_encode(&sent, true, payload).code, RESULT_OK);
+    assert_int_equal(payload_encode(&sent, payload).code, RESULT_OK);
     batch_init(&got, &large); /* the same units in a larger image: its splats would be 800 MB */
     got.units = sent.units;
     got.unit_count = sent.unit_count;
@@ -490,7 +504,7 @@ static hash_t digest_of(const batch_t *batch, bool compress, const unit_t *units
 {
     zmq_msg_t payload[BATCH_PAYLOADS];
     hash_t digest;
-    assert_int_equal(payload_encode(batch, compress, payload).code, RESULT_OK);
+    assert_int_equal(encode_either(batch, compress, payload).code, RESULT_OK);
     assert_int_equal(payload_digest_units(payload, batch, units, count, &digest).code, RESULT_OK);
     close_all(payload);
     return digest;
@@ -546,7 +560,7 @@ static void survives_mutations_of(int which)
     job_settings_t settings = settings_of(90, 50);
     batch_t sent = batch_of(&settings, 40, 3), got = receiver_of(&sent);
     zmq_msg_t payload[BATCH_PAYLOADS];
-    assert_int_equal(payload_encode(&sent, true, payload).code, RESULT_OK);
+    assert_int_equal(payload_encode(&sent, payload).code, RESULT_OK);
     size_t size = zmq_msg_size(&payload[which]);
     uint8_t *bytes = mem_alloc(size);
     uint64_t random = 1;
@@ -581,6 +595,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(round_trips),
+        cmocka_unit_test(what_is_wrapped_is_taken_over),
         cmocka_unit_test(messages_have_the_payloads_that_their_job_needs),
         cmocka_unit_test(sparse_frames_are_small),
         cmocka_unit_test(splats_of_few_colours_are_small),

@@ -173,7 +173,7 @@ static result_t deliver_as(test_t *t, uint64_t worker, uint64_t check, const bat
     zmq_msg_t payload[BATCH_PAYLOADS];
     batch_t bare = {
         .unit_count = batch->unit_count, .unit_capacity = batch->unit_count, .counts = batch->counts};
-    assert_int_equal(payload_encode(batch, true, payload).code, RESULT_OK);
+    assert_int_equal(payload_encode(batch, payload).code, RESULT_OK);
     bare.units = mem_alloc(batch->unit_count * sizeof *bare.units);
     memcpy(bare.units, batch->units, batch->unit_count * sizeof *bare.units);
     incoming_batch_t incoming = {
