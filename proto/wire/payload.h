@@ -20,8 +20,8 @@ enum {
 
 /* Makes the payload messages for wire_send. On failure none is open. */
 result_t payload_encode(const batch_t *batch, zmq_msg_t payload[BATCH_PAYLOADS]);
-/* The same without compression and without a copy, for inproc: the messages take the batch's sums over. It has
- * none any more then; what is left of them after a failure is of no use. */
+/* The same without compression and without a copy, for inproc: the messages take the batch's sums over. It
+ * has none any more then; what is left of them after a failure is of no use. */
 result_t payload_wrap(batch_t *batch, zmq_msg_t payload[BATCH_PAYLOADS]);
 /* How many of them a message takes: those that only some jobs have are left out at the end when they are
  * empty, so that the messages of other jobs are as they were before there were such. */
