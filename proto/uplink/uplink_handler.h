@@ -43,8 +43,8 @@ typedef struct {
     uint64_t bytes; /* what it takes uncompressed */
 } offer_t;
 
-/* A closed batch on its way: the handler's own until it is told that it was sent, but for its sums, which go
- * with it in a master's own process. */
+/* A closed batch on its way: the handler's own until it is told that it was sent. In a master's own process
+ * the messages take its sums over (payload_wrap). */
 typedef struct {
     offer_t offer;
     uint64_t sequence;          /* the handler's own count of its batches */

@@ -28,8 +28,7 @@ typedef struct {
 } cell_t;
 #define UNEVEN 0x80000000u
 
-/* A run of cells, and for each of `buckets` equal parts of [0, 1) the cell that its first number draws. A run
- * of few cells has no guide. */
+/* A run of cells, and for each of `buckets` equal parts of [0, 1) the cell that its first number draws. */
 typedef struct {
     uint32_t count, buckets; /* buckets: a power of two, so that finding one is exact */
     const cell_t *cells;
@@ -244,7 +243,7 @@ static uint32_t invert(const axis_t *axis, float u, float *part)
     return low;
 }
 
-/* The same of a few cells, without a branch that a processor would have to guess. */
+/* The same of a few cells that have no guide, without a branch that a processor would have to guess. */
 static uint32_t invert_few(const cell_t *cells, uint32_t count, float u, float *part)
 {
     u = float_min(float_max(u, 0), 0x1.fffffep-1f);
@@ -270,8 +269,7 @@ vec2_t distribution_sample(const distribution_t *d, vec2_t u, float *pdf)
     if (!(d->total > 0)) return u;
     axis_t rows = {d->down, d->row_buckets, d->rows, d->row_guide};
     uint32_t y = invert(&rows, u.y, &u.y);
-    size_t start = (size_t)y * d->across;
-    axis_t columns = {d->across, d->column_buckets, d->columns + start,
+    axis_t columns = {d->across, d->column_buckets, d->columns + (size_t)y * d->across,
                       d->column_guides + (size_t)y * d->column_buckets};
     uint32_t x = invert(&columns, u.x, &u.x);
     const cell_t *table = table_of(d, &columns.cells[x]);
