@@ -46,10 +46,17 @@ static rgb_t value_at(const light_map_t *map, vec2_t st)
     return textures_texel(map->textures, map->image, x < width ? x : width - 1, y < height ? y : height - 1);
 }
 
-/* Steradians per unit area of the image at height t, over 4 pi. */
+/* Steradians per unit area of the image over 4 pi, where the angle from a pole has this sine; of all mappings
+ * but the octahedral. */
+static float stretch_of(float sine)
+{
+    return 0.5f * PI_F * sine;
+}
+
+/* The same at height t of any. */
 static float stretch_at(light_mapping_t mapping, float t)
 {
-    return mapping == LIGHT_OCTAHEDRAL ? 1 : 0.5f * PI_F * sinf(PI_F * t);
+    return mapping == LIGHT_OCTAHEDRAL ? 1 : stretch_of(sinf(PI_F * t));
 }
 
 /* The direction of a place of the image, and what stretch_at says of it. */
@@ -58,7 +65,7 @@ static vec3_t direction_at(light_mapping_t mapping, vec2_t st, float *stretch)
     *stretch = 1;
     if (mapping == LIGHT_OCTAHEDRAL) return octahedral_to_sphere(st);
     float theta = PI_F * st.y, phi = TWO_PI_F * st.x, s = sinf(theta), c = cosf(theta);
-    *stretch = 0.5f * PI_F * s;
+    *stretch = stretch_of(s);
     return mapping == LIGHT_LATLONG ? vec3(s * cosf(phi), s * sinf(phi), c)
                                     : vec3(s * cosf(phi), c, s * sinf(phi));
 }

@@ -222,6 +222,13 @@ static uint32_t cell_of(float at, uint32_t count)
     return (uint32_t)cell;
 }
 
+/* Where a number lies between the ends of the cell that it draws. */
+static float part_of(const cell_t *cells, uint32_t cell, float u)
+{
+    float before = cell > 0 ? cells[cell - 1].cumulative : 0;
+    return (u - before) / (cells[cell].cumulative - before);
+}
+
 /* Draws a cell: the first whose cumulative probability is above u. Its own probability is thus not 0. Where
  * u lies between its ends is *part. */
 static uint32_t invert(const axis_t *axis, float u, float *part)
@@ -238,8 +245,7 @@ static uint32_t invert(const axis_t *axis, float u, float *part)
         else
             low = middle + 1;
     }
-    float before = low > 0 ? axis->cells[low - 1].cumulative : 0;
-    *part = (u - before) / (axis->cells[low].cumulative - before);
+    *part = part_of(axis->cells, low, u);
     return low;
 }
 
@@ -249,8 +255,7 @@ static uint32_t invert_few(const cell_t *cells, uint32_t count, float u, float *
     u = float_min(float_max(u, 0), 0x1.fffffep-1f);
     uint32_t cell = 0;
     for (uint32_t i = 0; i < count - 1; i++) cell += cells[i].cumulative <= u;
-    float before = cell > 0 ? cells[cell - 1].cumulative : 0;
-    *part = (u - before) / (cells[cell].cumulative - before);
+    *part = part_of(cells, cell, u);
     return cell;
 }
 
