@@ -43,6 +43,8 @@ static const double PAUSE = 0.25;                 /* seconds before something is
 static const double FIRST_RATIO = 0.3;            /* of coded to plain bytes, before any is known */
 static const double PROBE_TURN = 1;               /* second for an answer, before the thread looks around */
 
+typedef struct delivery delivery_t;
+
 /* Where the control thread says the master is. */
 typedef struct {
     char *endpoint; /* NULL when down */
@@ -67,6 +69,7 @@ struct bulk {
     double ratio;     /* of coded to plain bytes in the last batch */
     uint64_t request; /* the last number used */
     probe_t probe;
+    delivery_t *delivery; /* the batch that is on its way; NULL: none */
 
     /* For the control thread. */
     atomic_ullong ready; /* the worker that the bulk socket answered; 0: it has to be probed */
@@ -226,7 +229,10 @@ static result_t send_probe(bulk_t *bulk, size_t bytes)
     return say(bulk, &envelope, &payload, 1);
 }
 
-/* Waits for the answer to the probe that is under way, until the deadline. */
+static result_t on_message(bulk_t *bulk, delivery_t *delivery, const Lm__Envelope *envelope);
+
+/* Waits for the answer to the probe that is under way, until the deadline. What the master says of a batch
+ * meanwhile counts: it may be the verdict on what was sent before the master forgot this worker. */
 static result_t await_probe(bulk_t *bulk, double deadline)
 {
     probe_t *probe = &bulk->probe;
@@ -244,6 +250,8 @@ static result_t await_probe(bulk_t *bulk, double deadline)
             probe->request = 0;
             probe->silent = 0;
             result = result_fail(RESULT_UNREACHABLE, "the master does not take a probe");
+        } else if (bulk->delivery != NULL) {
+            on_message(bulk, bulk->delivery, envelope); /* if it is to be offered again, that comes next */
         }
         wire_free(&message);
     }
@@ -492,7 +500,7 @@ static void fetch_plan(bulk_t *bulk, const assignment_t *assignment, uint32_t pa
 /* ---- batches ------------------------------------------------------------------------------------------ */
 
 /* A batch on its way from offer to verdict. */
-typedef struct {
+struct delivery {
     offer_t offer;
     closed_batch_t closed; /* batch is NULL as long as it is open */
     zmq_msg_t encoded[BATCH_PAYLOADS];
@@ -506,7 +514,7 @@ typedef struct {
     char key[KEY_TEXT + 1]; /* our own, at the first offer: its units were issued to that */
     uint64_t mark; /* the probe behind what was put, which is answered when that has arrived; 0: none */
     double marked; /* clock, when it was sent */
-} delivery_t;
+};
 
 static bool same_conversation(const bulk_t *bulk, const delivery_t *delivery)
 {
@@ -665,6 +673,7 @@ static result_t close_batch(bulk_t *bulk, delivery_t *delivery)
 static result_t attempt(bulk_t *bulk, delivery_t *delivery)
 {
     TRY(open_link(bulk));
+    if (delivery->decided) return result_ok();
     delivery->granted = false;
     TRY(send_offer(bulk, delivery));
     TRY(await_master(bulk, delivery, false));
@@ -708,6 +717,7 @@ static void deliver(bulk_t *bulk, const offer_t *offer)
 {
     delivery_t delivery = {.offer = *offer, .start = clock_now()};
     memcpy(delivery.key, bulk->options.keys.own.open, sizeof delivery.key);
+    bulk->delivery = &delivery;
     while (!delivery.decided && !atomic_load(&bulk->quit)) {
         result_t result = attempt(bulk, &delivery);
         if (result.code == RESULT_CANCELLED) break;
@@ -719,6 +729,7 @@ static void deliver(bulk_t *bulk, const offer_t *offer)
         if (delivery.closed.batch == NULL)
             break; /* it may have grown, or not be wanted: the handler is asked */
     }
+    bulk->delivery = NULL;
     end_delivery(bulk, &delivery);
 }
 

@@ -230,6 +230,30 @@ static void a_forgotten_worker_says_hello_and_keeps_its_batch(void **state)
     assert_int_equal(scripted_samples(s, 2), 4);
 }
 
+/* The verdict came late, while it found out whether its new number is good for anything. */
+static void a_verdict_counts_while_a_forgotten_worker_introduces_itself(void **state)
+{
+    fixture_t *t = *state;
+    scripted_t *s = t->script;
+    s->answering = false;
+    scripted_assign(s, JOB, 0, &(unit_t){2, 0, 4}, 1);
+    start_worker(t);
+    scripted_run(s, s->batch_count == 1, PATIENCE);
+    s->deaf = true;
+    int probes = s->probes, offers = s->offers;
+    scripted_forget(s);
+    scripted_run(s, s->hellos == 2 && s->probes > probes, PATIENCE);
+    scripted_verdict(s, true);
+    s->answering = true;
+    scripted_sleep(s, 0.2); /* a probe is waited for for a second */
+    s->deaf = false;
+    scripted_assign(s, JOB, 0, &(unit_t){1, 0, 4}, 1);
+    scripted_run(s, s->batch_count == 2, PATIENCE);
+    assert_int_equal(scripted_samples(s, 2), 4); /* nothing twice */
+    assert_int_equal(scripted_samples(s, 1), 4);
+    assert_int_equal(s->offers, offers + 1);
+}
+
 static void a_broken_connection_is_noticed_at_once(void **state)
 {
     fixture_t *t = *state;
@@ -438,6 +462,7 @@ int main(void)
         WITH_FIXTURE(a_batch_is_offered_before_it_is_closed),
         WITH_FIXTURE(finished_work_outlives_the_master),
         WITH_FIXTURE(a_forgotten_worker_says_hello_and_keeps_its_batch),
+        WITH_FIXTURE(a_verdict_counts_while_a_forgotten_worker_introduces_itself),
         WITH_FIXTURE(a_broken_connection_is_noticed_at_once),
         WITH_FIXTURE(a_silent_master_is_asked_before_anything_is_sent_again),
         WITH_FIXTURE(a_refused_offer_ends_the_batch),
