@@ -59,6 +59,13 @@ farm_t *toy_telling_farm(void)
     return make_farm(true, true, NULL, 0, FILMS);
 }
 
+farm_t *toy_brisk_farm(double batch_interval)
+{
+    farm_t *farm = toy_farm(false);
+    farm->options.batch_interval = batch_interval;
+    return farm;
+}
+
 job_settings_t toy_settings(void)
 {
     job_settings_t settings = job_settings_default();

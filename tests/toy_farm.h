@@ -17,6 +17,8 @@ farm_t *toy_quota_farm(const char *spool_dir, uint64_t quota);
 farm_t *toy_telling_farm(void);
 /* A farm that has room for the films of jobs that learn, too. */
 farm_t *toy_roomy_farm(void);
+/* A toy_farm(false) whose workers are told to deliver every so many seconds, not every ten. */
+farm_t *toy_brisk_farm(double batch_interval);
 /* 32 x 32 pixels in four tiles, 4 spp, no features. */
 job_settings_t toy_settings(void);
 uint64_t toy_submit(farm_t *farm, double now, const job_settings_t *settings, int priority);

@@ -250,7 +250,7 @@ static size_t recall_from(farm_t *farm, double now, const worker_t *idle, const 
         if (made_to_wait(now, worker, known ? GRANT_SECONDS : HURRY_GRANT)) continue;
         if (!late && !overtakes(farm, now, job, idle, worker)) continue;
         double silent = now - worker->delivered;
-        if (late) trust_lapsed(farm, now, worker);
+        if (late || worker->batches == 0) trust_lapsed(farm, now, worker);
         size_t recalled = farm_worker_take_back(farm, now, worker);
         log_warning("worker %s has sent nothing for %.0f s%s: %zu units go to others", worker->name, silent,
                     late ? "" : " and holds others up", recalled);

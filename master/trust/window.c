@@ -8,10 +8,11 @@
  *   - one that delivers may hold IN_HAND times what it delivers from one batch to the next, and GROWTH times
  *     what it delivered in the last minute. So the window opens with two or three batches;
  *   - units that lapse, since their worker fell silent or nothing of them came while another had nothing to
- * do, halve the windows of its party. A delivery of the party doubles them. Until they are what they were,
- * its workers that have delivered nothing are given units one at a time, a lease after the last lapse, two,
- *     four, and so on. So new names do not make the window larger. Where there is no other party nothing is
- *     held against it.
+ * do (of one that has delivered nothing, also when it is overtaken: batches may come so often that this is
+ * long before a lease), halve the windows of its party. A delivery of the party doubles them. Until they are
+ * what they were, its workers that have delivered nothing are given units one at a time, a lease after the
+ * last lapse, two, four, and so on. So new names do not make the window larger. Where there is no other party
+ * nothing is held against it.
  *
  * When somebody is idle, what others hold and do not deliver goes to it. Who has delivered nothing yet is
  * left its units for a lease, or not at all when units of its party have lapsed before; who has, for two

@@ -43,8 +43,6 @@ static const double PAUSE = 0.25;                 /* seconds before something is
 static const double FIRST_RATIO = 0.3;            /* of coded to plain bytes, before any is known */
 static const double PROBE_TURN = 1;               /* second for an answer, before the thread looks around */
 
-typedef struct delivery delivery_t;
-
 /* Where the control thread says the master is. */
 typedef struct {
     char *endpoint; /* NULL when down */
@@ -69,7 +67,6 @@ struct bulk {
     double ratio;     /* of coded to plain bytes in the last batch */
     uint64_t request; /* the last number used */
     probe_t probe;
-    delivery_t *delivery; /* the batch that is on its way; NULL: none */
 
     /* For the control thread. */
     atomic_ullong ready; /* the worker that the bulk socket answered; 0: it has to be probed */
@@ -229,11 +226,12 @@ static result_t send_probe(bulk_t *bulk, size_t bytes)
     return say(bulk, &envelope, &payload, 1);
 }
 
+typedef struct delivery delivery_t; /* a batch on its way */
 static result_t on_message(bulk_t *bulk, delivery_t *delivery, const Lm__Envelope *envelope);
 
 /* Waits for the answer to the probe that is under way, until the deadline. What the master says of a batch
  * meanwhile counts: it may be the verdict on what was sent before the master forgot this worker. */
-static result_t await_probe(bulk_t *bulk, double deadline)
+static result_t await_probe(bulk_t *bulk, delivery_t *delivery, double deadline)
 {
     probe_t *probe = &bulk->probe;
     result_t result = result_ok();
@@ -250,8 +248,8 @@ static result_t await_probe(bulk_t *bulk, double deadline)
             probe->request = 0;
             probe->silent = 0;
             result = result_fail(RESULT_UNREACHABLE, "the master does not take a probe");
-        } else if (bulk->delivery != NULL) {
-            on_message(bulk, bulk->delivery, envelope); /* if it is to be offered again, that comes next */
+        } else if (delivery != NULL) {
+            on_message(bulk, delivery, envelope); /* if it is to be offered again, that comes next */
         }
         wire_free(&message);
     }
@@ -259,14 +257,14 @@ static result_t await_probe(bulk_t *bulk, double deadline)
 }
 
 /* The first: is the socket there? */
-static result_t reach(bulk_t *bulk)
+static result_t reach(bulk_t *bulk, delivery_t *delivery)
 {
     probe_t *probe = &bulk->probe;
     if (probe->request == 0) {
         TRY(send_probe(bulk, 0));
         probe_sent(probe, clock_now(), bulk->request);
     }
-    result_t result = await_probe(bulk, clock_now() + PROBE_TURN);
+    result_t result = await_probe(bulk, delivery, clock_now() + PROBE_TURN);
     if (result.code == RESULT_UNREACHABLE && probe->request != 0 &&
         clock_now() - probe->sent > bulk->options.patience)
         bulk->link.broken = true; /* the next connection may fare better */
@@ -274,7 +272,7 @@ static result_t reach(bulk_t *bulk)
 }
 
 /* The second: how fast is it? */
-static result_t measure(bulk_t *bulk)
+static result_t measure(bulk_t *bulk, delivery_t *delivery)
 {
     probe_t *probe = &bulk->probe;
     if (probe->request == 0) {
@@ -282,7 +280,7 @@ static result_t measure(bulk_t *bulk)
         probe_sent(probe, clock_now(), bulk->request);
     }
     double deadline = probe->sent + BULK_SILENT_SECONDS;
-    result_t result = await_probe(bulk, deadline);
+    result_t result = await_probe(bulk, delivery, deadline);
     if (result.code == RESULT_UNREACHABLE && clock_now() >= deadline &&
         probe->conversation == bulk->link.conversation) {
         probe_give_up_measuring(probe, clock_now());
@@ -293,9 +291,9 @@ static result_t measure(bulk_t *bulk)
     return result;
 }
 
-/* Begins a conversation: RESULT_UNREACHABLE until the master's bulk socket has answered and the link is
- * measured. Waits no longer than some seconds. */
-static result_t open_link(bulk_t *bulk)
+/* Begins a conversation, maybe with a batch on its way: RESULT_UNREACHABLE until the master's bulk socket has
+ * answered and the link is measured. Waits no longer than some seconds. */
+static result_t open_link(bulk_t *bulk, delivery_t *delivery)
 {
     probe_t *probe = &bulk->probe;
     if (bulk->link.socket == NULL) {
@@ -306,8 +304,8 @@ static result_t open_link(bulk_t *bulk)
     probe_follow(probe, bulk->link.conversation, bulk->worker);
     if (probe->stage == PROBE_DONE) return result_ok();
     publish(bulk);
-    result_t result = probe->stage == PROBE_REACHING ? reach(bulk) : result_ok();
-    if (result.code == RESULT_OK && probe->stage == PROBE_MEASURING) result = measure(bulk);
+    result_t result = probe->stage == PROBE_REACHING ? reach(bulk, delivery) : result_ok();
+    if (result.code == RESULT_OK && probe->stage == PROBE_MEASURING) result = measure(bulk, delivery);
     publish(bulk);
     return result;
 }
@@ -392,7 +390,7 @@ static result_t download_blob(bulk_t *bulk, const assignment_t *assignment, scen
     blob_download_t download;
     bool busy;
     *done = false;
-    TRY(open_link(bulk));
+    TRY(open_link(bulk, NULL));
     blob_cache_allow_memory(bulk->cache, scene_memory(bulk, &assignment->settings));
     TRY(blob_cache_download(bulk->cache, clock_now(), &assignment->blob, assignment->blob_size, &download,
                             &busy));
@@ -463,7 +461,7 @@ static result_t obtain_plan(bulk_t *bulk, const assignment_t *assignment, uint32
 {
     blob_download_t download;
     *size = learning_plan_bytes();
-    TRY(open_link(bulk));
+    TRY(open_link(bulk, NULL));
     TRY(blob_download_in_memory(&assignment->plans[pass], *size, &download));
     result_t result = fetch_rest(bulk, assignment->job, &download);
     if (result.code == RESULT_INPUT) /* the job is over, or not there yet after a restart: we are told soon */
@@ -672,7 +670,7 @@ static result_t close_batch(bulk_t *bulk, delivery_t *delivery)
 /* One attempt: offers, closes when that is granted, sends, waits for the verdict. */
 static result_t attempt(bulk_t *bulk, delivery_t *delivery)
 {
-    TRY(open_link(bulk));
+    TRY(open_link(bulk, delivery));
     if (delivery->decided) return result_ok();
     delivery->granted = false;
     TRY(send_offer(bulk, delivery));
@@ -717,7 +715,6 @@ static void deliver(bulk_t *bulk, const offer_t *offer)
 {
     delivery_t delivery = {.offer = *offer, .start = clock_now()};
     memcpy(delivery.key, bulk->options.keys.own.open, sizeof delivery.key);
-    bulk->delivery = &delivery;
     while (!delivery.decided && !atomic_load(&bulk->quit)) {
         result_t result = attempt(bulk, &delivery);
         if (result.code == RESULT_CANCELLED) break;
@@ -729,7 +726,6 @@ static void deliver(bulk_t *bulk, const offer_t *offer)
         if (delivery.closed.batch == NULL)
             break; /* it may have grown, or not be wanted: the handler is asked */
     }
-    bulk->delivery = NULL;
     end_delivery(bulk, &delivery);
 }
 
@@ -741,7 +737,7 @@ static void *bulk_thread(void *argument)
     const uplink_handler_t *handler = &bulk->options.handler;
     while (!atomic_load(&bulk->quit)) {
         refresh_link(bulk);
-        open_link(bulk);
+        open_link(bulk, NULL);
         duty_t duty = handler->calls->duty(handler->self, bulk->batch_interval, bulk->probe.rate);
         switch (duty.kind) {
         case DUTY_LOAD:

@@ -45,13 +45,14 @@ class Idle(Case):
         return alone, beside
 
     def test_idle_identities_delay_a_job_by_a_lease_and_a_tenth(self):
-        settings = client.settings(spp=128)
-        self.programs.undisturbed(settings)
-        for _ in range(TRIES):
-            alone, beside = self.delay(settings)
-            if beside < alone * 1.1 + LEASE + SLACK:
-                return
-        self.fail(f"{TRIES} times in a row")
+        for spp in (64, 128):  # shorter than a lease and longer: idle workers are overtaken before they are late, or not
+            settings = client.settings(spp=spp)
+            self.programs.undisturbed(settings)
+            self.assertTrue(any(self.is_small(*self.delay(settings)) for _ in range(TRIES)), f"{TRIES} times in a row")
+
+    @staticmethod
+    def is_small(alone, beside):
+        return beside < alone * 1.1 + LEASE + SLACK
 
 
 if __name__ == "__main__":

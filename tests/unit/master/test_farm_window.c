@@ -167,6 +167,33 @@ static void ten_idlers_delay_a_job_by_a_lease_and_a_tenth(void **state)
     }
 }
 
+/* Where batches come often, an idler is overtaken long before its lease is over; it is not served again. */
+static void an_idler_that_is_overtaken_gets_no_more(void **state)
+{
+    const double interval = 0.2;
+    const uint64_t all = 1 << 20;
+    farm_t *farm = toy_brisk_farm(interval);
+    uint64_t honest = toy_join(farm, 0, "honest:1", 1, 0), idler = toy_join(farm, 0, "idler:1", 1, 0);
+    uint64_t job = submit(farm, 0, 16);
+    toy_work_t work = toy_take(farm, 0, honest, 256, 256);
+    assert_int_equal(toy_take(farm, 0, idler, 256, 256).job, job);
+    while (work.job != 0) {
+        assert_int_equal(toy_deliver_work(farm, interval, honest, &work, 0).code, RESULT_OK);
+        work = toy_take(farm, interval, honest, 256, 256);
+    }
+    (void)state;
+    for (double now = 2 * interval; work.job == 0 && now < LEASE; now += interval) {
+        assert_true(toy_beat(farm, now, idler));
+        work = toy_take(farm, now, honest, 256, 256);
+    }
+    assert_int_equal(work.job, job);
+    assert_int_equal(toy_order(farm, LEASE, job, ORDER_PAUSE).code, RESULT_OK);
+    uint64_t other = submit(farm, LEASE, 16);
+    assert_int_equal(toy_take(farm, LEASE, idler, all, 256).job, 0);
+    assert_int_equal(toy_take(farm, LEASE, honest, all, 256).job, other);
+    farm_destroy(&farm);
+}
+
 /* Twenty workers share a key: all have work from the beginning, and the farm is as fast as they are. */
 static void workers_of_one_party_work_at_full_speed(void **state)
 {
@@ -274,6 +301,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(ten_idlers_delay_a_job_by_a_lease_and_a_tenth),
+        cmocka_unit_test(an_idler_that_is_overtaken_gets_no_more),
         cmocka_unit_test(workers_of_one_party_work_at_full_speed),
         cmocka_unit_test(a_slow_start_is_no_failure),
         cmocka_unit_test(a_slow_link_holds_little),
