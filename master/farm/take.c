@@ -11,6 +11,7 @@
  * worker loses what it holds when the idle one is expected to be done with all of it in less than half of the
  * time that the holder is expected to take from now. (One that is late by so many seconds is expected to take
  * as many again.) The first result wins; the factor of two keeps units from going to and fro between equals.
+ * Who is overtaken before it has delivered anything may never mean to: it counts as late (trust_lapsed).
  *
  * At the end of a pass (common/film/learning.h) nobody is overtaken who is expected to deliver soon. It comes
  * when workers hold a second of work each, and most of what is missing is on its way: hundreds of idle
@@ -246,11 +247,11 @@ static size_t recall_from(farm_t *farm, double now, const worker_t *idle, const 
         if (schedule_held(job->schedule, worker->id) == 0) continue;
         if (now - worker->last_seen > SILENT_LEASES * farm->options.lease) continue; /* it may have died */
         bool late = now - worker->delivered > trust_patience(farm, worker, idle);
-        bool known = late && worker->batches > 0;
-        if (made_to_wait(now, worker, known ? GRANT_SECONDS : HURRY_GRANT)) continue;
+        bool fresh = worker->batches == 0;
+        if (made_to_wait(now, worker, late && !fresh ? GRANT_SECONDS : HURRY_GRANT)) continue;
         if (!late && !overtakes(farm, now, job, idle, worker)) continue;
         double silent = now - worker->delivered;
-        if (late || worker->batches == 0) trust_lapsed(farm, now, worker);
+        if (late || fresh) trust_lapsed(farm, now, worker);
         size_t recalled = farm_worker_take_back(farm, now, worker);
         log_warning("worker %s has sent nothing for %.0f s%s: %zu units go to others", worker->name, silent,
                     late ? "" : " and holds others up", recalled);

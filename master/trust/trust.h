@@ -67,7 +67,8 @@ double trust_room(const farm_t *farm, double now, const job_t *job, const worker
 /* Seconds after its last delivery, or after it was given units, until a worker loses what it holds to one
  * that is idle. */
 double trust_patience(const farm_t *farm, const worker_t *worker, const worker_t *idle);
-/* The worker lost units since it did not deliver them in that time. */
+/* The worker lost units since it did not deliver them in that time, or had never delivered any when another
+ * overtook it. */
 void trust_lapsed(farm_t *farm, double now, worker_t *worker);
 
 /* ---- batches ------------------------------------------------------------------------------------------- */

@@ -226,7 +226,7 @@ static result_t send_probe(bulk_t *bulk, size_t bytes)
     return say(bulk, &envelope, &payload, 1);
 }
 
-typedef struct delivery delivery_t; /* a batch on its way */
+typedef struct delivery delivery_t;
 static result_t on_message(bulk_t *bulk, delivery_t *delivery, const Lm__Envelope *envelope);
 
 /* Waits for the answer to the probe that is under way, until the deadline. What the master says of a batch
