@@ -181,6 +181,8 @@ static sums_t sample(const media_t *media, const ray_t *ray, sums_t *went_on)
            direction = vec3((float)ray->direction[0], (float)ray->direction[1], (float)ray->direction[2]);
     float distance = (float)ray->distance;
     sums_t sums = {0};
+    way_t way;
+    way_forget(&way);
     *went_on = sums;
     for (uint64_t i = 0; i < SAMPLES; i++) {
         media_numbers_t numbers = {.first = -1, .key = sampler_mix(3 * i + 1)};
@@ -188,8 +190,10 @@ static sums_t sample(const media_t *media, const ray_t *ray, sums_t *went_on)
         numbers = (media_numbers_t){.first = ((float)i + 0.5f) / SAMPLES, .key = sampler_mix(3 * i + 2)};
         if (media_emits(media, 1))
             add(&sums, EMITTED, media_emission(media, 1, from, direction, distance, &numbers), 1);
-        numbers = (media_numbers_t){
-            .first = ((float)i + 0.5f) / SAMPLES, .exact = i % 2 == 0, .key = sampler_mix(3 * i + 3)};
+        numbers = (media_numbers_t){.first = ((float)i + 0.5f) / SAMPLES,
+                                    .exact = i % 2 == 0,
+                                    .way = i % 4 == 0 ? &way : NULL,
+                                    .key = sampler_mix(3 * i + 3)};
         rgb_t throughput = {1, 1, 1};
         float at = 0;
         if (media_scatter(media, 1, from, direction, distance, &numbers, &throughput, &at)) {

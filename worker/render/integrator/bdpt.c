@@ -342,7 +342,7 @@ static void join_pool(half_t *b, const vertex_t *z)
     }
 }
 
-/* Everything that joins an eye vertex to the lights. At the end of either of two flights (walk_flight) places
+/* Everything that joins an eye vertex to the lights. At the end of either of two flights (flights_t) places
  * on lights count half; light vertices are left to the one that goes on. */
 static void join_eye_vertex(half_t *b, vertex_t *z)
 {
@@ -588,11 +588,11 @@ static void note_seeker(const half_t *b, walk_t *walk, const seeker_t *seeker)
 }
 
 /* Joins what the other flight of a walk ends at. */
-static void take_flight(half_t *b, const walk_t *before)
+static void take_flight(half_t *b, flights_t *flights)
 {
     walk_t walk;
     vertex_t z;
-    if (!walk_flight(before, b->sample, &walk, &z)) return;
+    if (!walk_other_flight(flights, b->sample, &walk, &z)) return;
     walk_shade(&walk, b->sample, &z);
     if (b->eta > 0) walk_weigh_merging(&walk, &z, b->eta);
     join_eye_vertex(b, &z);
@@ -604,12 +604,13 @@ static rgb_t bdpt_eye(sample_t *sample)
     begin(&b, sample);
     uint64_t rays = sample->result->counts.rays;
     int segments = setup_max_segments(b.setup);
-    walk_t walk = walk_from_camera(sample, roulette), before = {0};
+    walk_t walk = walk_from_camera(sample, roulette);
+    flights_t flights;
     if (sample->eye_weight == 0 && !walk.joinable) return b.radiance;
     vec3_t eye = walk.origin;
     for (;;) {
         vertex_t z;
-        if (walk_fly(&walk, sample, &z, &before)) take_flight(&b, &before);
+        if (walk_fly(&walk, sample, &z, &flights)) take_flight(&b, &flights);
         if (!vertex_is_near(&z, b.setup) || !walk_weigh(&walk, &z)) break;
         hit_lights(&b, &walk, &z);
         bool ends = !vertex_has_room(&z, segments);

@@ -72,11 +72,11 @@ static void add_next_event(sample_t *sample, const walk_t *walk, vertex_t *z, rg
 }
 
 /* The same at the end of the other flight of a walk. */
-static void add_flight(sample_t *sample, const walk_t *before, rgb_t *radiance)
+static void add_flight(sample_t *sample, flights_t *flights, rgb_t *radiance)
 {
     walk_t walk;
     vertex_t z;
-    if (!walk_flight(before, sample, &walk, &z)) return;
+    if (!walk_other_flight(flights, sample, &walk, &z)) return;
     walk_shade(&walk, sample, &z);
     add_next_event(sample, &walk, &z, radiance);
 }
@@ -88,10 +88,10 @@ static rgb_t gather(sample_t *sample, walk_t *walk)
     int segments = setup_max_segments(setup);
     rgb_t radiance = vec3(0, 0, 0);
     vec3_t eye = walk->origin;
-    walk_t before = {0};
+    flights_t flights;
     for (;;) {
         vertex_t z;
-        if (walk_fly(walk, sample, &z, &before)) add_flight(sample, &before, &radiance);
+        if (walk_fly(walk, sample, &z, &flights)) add_flight(sample, &flights, &radiance);
         if (!vertex_is_near(&z, setup)) return radiance;
         if (vertex_light_count(&z, setup->lights) > 0)
             radiance = v_add(radiance, v_mul(z.throughput, emitted(sample, walk, &z)));

@@ -13,12 +13,24 @@ static void enter_portal(walk_t *walk, const sample_t *sample, vertex_t *vertex)
 }
 
 /* The nearest surface from a point on the walk's way on. */
-static bool look_on(const walk_t *walk, sample_t *sample, vec3_t from, vertex_t *vertex)
+static bool look_on(const walk_t *walk, sample_t *sample, vec3_t from, surface_t *surface)
 {
+    flights_t *flights = walk->flights;
+    int look = flights != NULL ? flights->looks++ : FLIGHT_LOOKS;
+    if (look < FLIGHT_LOOKS && look < flights->kept) {
+        if (flights->hits[look]) *surface = flights->surfaces[look];
+        return flights->hits[look];
+    }
     sample->result->counts.rays++;
     bool looks = walk->mode == TRANSPORT_RADIANCE && !walk->scattered;
-    return (looks ? scene_look : scene_intersect)(sample->setup->scene, from, walk->direction, sample->time,
-                                                  &vertex->surface);
+    bool hit = (looks ? scene_look : scene_intersect)(sample->setup->scene, from, walk->direction,
+                                                      sample->time, surface);
+    if (look < FLIGHT_LOOKS) {
+        flights->hits[look] = hit;
+        if (hit) flights->surfaces[look] = *surface;
+        flights->kept = look + 1;
+    }
+    return hit;
 }
 
 /* The numbers for distances from the vertex before, whose numbers begin at the walk's dimension. */
@@ -31,6 +43,7 @@ static media_numbers_t distance_numbers(const walk_t *walk, const sample_t *samp
     float u = sample_2d(sample, dimension + (light ? DIMENSION_LIGHT_DISTANCE : DIMENSION_DISTANCE)).y;
     return (media_numbers_t){.first = walk->other ? wrap(u + 0.5f) : u,
                              .exact = !light && !walk->scattered,
+                             .way = walk->flights != NULL ? &walk->flights->way : NULL,
                              .key = walk->other ? ~key : key,
                              .waves = sample->waves};
 }
@@ -77,7 +90,7 @@ static void pass_media(walk_t *walk, sample_t *sample, bool hit, vertex_t *verte
         if (vertex->kind == VERTEX_SKY || !surface_is_interface(&vertex->surface)) break;
         walk->medium.number = medium_behind(&vertex->surface, walk->direction);
         from = scene_offset(&vertex->surface, walk->direction);
-        hit = look_on(walk, sample, from, vertex);
+        hit = look_on(walk, sample, from, &vertex->surface);
     }
     walk->flew = walk->flew && vertex->first && walk->mode == TRANSPORT_RADIANCE;
     vertex->twice = walk->flew && vertex->kind == VERTEX_MEDIUM;
@@ -100,7 +113,7 @@ static void pass_media(walk_t *walk, sample_t *sample, bool hit, vertex_t *verte
 
 void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
 {
-    bool hit = look_on(walk, sample, walk->origin, vertex);
+    bool hit = look_on(walk, sample, walk->origin, &vertex->surface);
     rgb_t glow = walk->glow;
     vertex->kind = hit ? VERTEX_SURFACE : VERTEX_SKY;
     vertex->mode = walk->mode;
@@ -131,11 +144,14 @@ void walk_arrive(walk_t *walk, sample_t *sample, vertex_t *vertex)
                   medium_transmittance(&walk->medium, v_length(v_sub(vertex_point(vertex), walk->point))));
 }
 
-bool walk_flight(const walk_t *before, sample_t *sample, walk_t *walk, vertex_t *vertex)
+bool walk_other_flight(flights_t *flights, sample_t *sample, walk_t *walk, vertex_t *vertex)
 {
-    *walk = *before;
+    *walk = flights->before;
     walk->other = true;
+    walk->flights = flights;
+    flights->looks = 0;
     walk_arrive(walk, sample, vertex);
+    walk->flights = NULL;
     return vertex->twice && vertex_is_near(vertex, sample->setup) &&
            vertex_has_room(vertex, setup_max_segments(sample->setup)) && walk_weigh(walk, vertex);
 }

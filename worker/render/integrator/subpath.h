@@ -96,8 +96,9 @@ typedef struct {
     bool scattered; /* by something that is not specular */
     bool first;     /* as of vertex i - 1 */
     bool in_medium; /* vertex i - 1 is */
-    bool other;     /* the flight to vertex i is the other one (walk_flight) */
+    bool other;     /* the flight to vertex i is the other one (flights_t) */
     bool flew;      /* on arrival: there are two flights to vertex i */
+    struct flights *flights; /* while it flies; else NULL */
     /* Of an eye subpath: where it last scattered by something that is not specular, if rays to caustics
      * (caustics.h) may be sent from there; and the part of what it runs into from there by way of specular
      * vertices that is left to it, since such rays find it, too. */
@@ -216,18 +217,34 @@ static inline void walk_shade(const walk_t *walk, const sample_t *sample, vertex
 /* FLIGHTS. Where an eye subpath that nothing has scattered yet comes through a medium, it is chance alone how
  * far it gets, and all light that the camera sees there varies with it. So there are two flights, with
  * numbers half a period apart: two vertices are joined to lights, for half of what one would count, and one
- * goes on. The walk has arrived by the first (`flew`); `before` is the walk before that. True when the other
- * one ends at a vertex in a medium, which has no BSDF yet. */
-bool walk_flight(const walk_t *before, sample_t *sample, walk_t *walk, vertex_t *vertex);
-/* As walk_arrive; true when there may be another flight, then from *before. */
-static inline bool walk_fly(walk_t *walk, sample_t *sample, vertex_t *vertex, walk_t *before)
+ * goes on. */
+enum { FLIGHT_LOOKS = 4 };
+typedef struct flights {
+    walk_t before; /* either of them */
+    /* What both meet, of which the first to get there keeps a part: the surfaces on their way, borders of
+     * media for the most part, and the integral over a grid. */
+    int looks, kept;
+    bool hits[FLIGHT_LOOKS];
+    surface_t surfaces[FLIGHT_LOOKS];
+    way_t way;
+} flights_t;
+/* As walk_arrive, by the first flight; true when there may be another. */
+static inline bool walk_fly(walk_t *walk, sample_t *sample, vertex_t *vertex, flights_t *flights)
 {
     const setup_t *setup = sample->setup;
     bool may = setup->media != NULL && !walk->scattered && !lights_empty(setup->lights);
-    if (may) *before = *walk;
+    if (may) {
+        flights->before = *walk;
+        flights->looks = flights->kept = 0;
+        way_forget(&flights->way);
+        walk->flights = flights;
+    }
     walk_arrive(walk, sample, vertex);
+    walk->flights = NULL;
     return may && walk->flew;
 }
+/* The other flight. True when it ends at a vertex in a medium, which has no BSDF yet. */
+bool walk_other_flight(flights_t *flights, sample_t *sample, walk_t *walk, vertex_t *vertex);
 
 /* p_i of the vertex: per area, of the sky per steradian. *distance2 receives what is squared in g. */
 static inline float walk_density(const walk_t *walk, const vertex_t *vertex, float *distance2)

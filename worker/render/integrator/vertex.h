@@ -26,7 +26,7 @@ typedef struct {
     float worth;         /* of the strategy that joins it to the one before it, if both are inner ones */
     bool bounds;         /* it lies in a body, or on what parts one from other media */
     bool first;          /* nothing but mirrors and clear glass lies between it and the subpath's start */
-    bool twice, other;   /* it lies at the end of one of two flights; of the other one (walk_flight) */
+    bool twice, other;   /* it lies at the end of one of two flights; of the other one (flights_t) */
     uint32_t dimension;  /* where its random numbers begin */
     blob_ref_t media[2]; /* on the side away from the geometric normal, and on that of it */
     vec3_t wo;           /* unit direction to vertex i - 1 */

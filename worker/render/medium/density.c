@@ -177,12 +177,20 @@ bool density_is_small(const density_t *d)
     return d->small;
 }
 
-/* The ray in one cube between the middles of cells, where the density is a polynomial of the third degree. */
+/* The density in one cube between the middles of cells, where it is a polynomial of the third degree along a
+ * ray. */
 typedef struct {
     const march_t *march;
-    int first[3];
+    const int *first;
     float corners[8];
 } cube_t;
+
+static cube_t cube_of(const march_t *march, const way_cube_t *part)
+{
+    cube_t cube = {.march = march, .first = part->first};
+    field_corners(&march->density->field, part->first, cube.corners);
+    return cube;
+}
 
 static float density_in(const cube_t *cube, float t)
 {
@@ -192,20 +200,22 @@ static float density_in(const cube_t *cube, float t)
     return field_between(cube->corners, at);
 }
 
-/* The integral over a part of the ray in it, by Gauss's rule of two points, which is exact here. */
-static float integrate(const cube_t *cube, float begin, float end)
+/* The integral over the part of the ray in it, by Gauss's rule of two points, which is exact here. */
+static float integrate(const march_t *march, const way_cube_t *part)
 {
     const float node = 0.57735027f; /* 1 / sqrt(3) */
-    float middle = 0.5f * (begin + end), half = 0.5f * (end - begin);
-    return (density_in(cube, middle - node * half) + density_in(cube, middle + node * half)) * half;
+    cube_t cube = cube_of(march, part);
+    float middle = 0.5f * (part->begin + part->end), half = 0.5f * (part->end - part->begin);
+    return (density_in(&cube, middle - node * half) + density_in(&cube, middle + node * half)) * half;
 }
 
-/* Where in a part of it the integral is `wanted`, by bisection. The polynomial is that through four places,
- * where a number x is 0, 1, 2 and 3 (Newton's differences); its integral is one of the fourth degree. */
-static float find_in_cube(const cube_t *cube, float begin, float end, float wanted)
+/* Where in it the integral is `wanted`, by bisection. The polynomial is that through four places, where a
+ * number x is 0, 1, 2 and 3 (Newton's differences); its integral is one of the fourth degree. */
+static float find_in_cube(const march_t *march, const way_cube_t *part, float wanted)
 {
-    float third = (end - begin) / 3, f[4];
-    for (int i = 0; i < 4; i++) f[i] = density_in(cube, begin + (float)i * third);
+    cube_t cube = cube_of(march, part);
+    float third = (part->end - part->begin) / 3, f[4];
+    for (int i = 0; i < 4; i++) f[i] = density_in(&cube, part->begin + (float)i * third);
     float once = f[1] - f[0], twice = f[2] - f[1] - once, thrice = f[3] - f[2] - (f[2] - f[1]) - twice;
     float linear = once - twice / 2 + thrice / 3, square = (twice - thrice) / 2, cubic = thrice / 6;
     float low = 0, high = 3;
@@ -216,52 +226,90 @@ static float find_in_cube(const cube_t *cube, float begin, float end, float want
         else
             high = x;
     }
-    return begin + 0.5f * (low + high) * third;
+    return part->begin + 0.5f * (low + high) * third;
 }
 
-/* Goes through a piece of the ray, cube by cube, until the integral is `wanted`; *sum grows until then. */
-static bool find_in_piece(const march_t *march, float begin, float end, float wanted, float *sum, float *at)
+/* Enters a piece of the ray. */
+static void enter_piece(way_t *way)
 {
+    const march_t *march = &way->march;
     const float *side = march->density->side;
-    float place[3], next[3], step[3];
-    const float direction[3] = {march->direction[0] * side[0], march->direction[1] * side[1],
-                                march->direction[2] * side[2]};
-    cube_t cube = {.march = march};
-    density_place(march, begin, place);
+    float place[3];
+    density_place(march, way->begin, place);
     for (int i = 0; i < 3; i++) {
-        cube.first[i] = (int)floorf(place[i]);
-        float rest =
-            direction[i] > 0 ? (float)(cube.first[i] + 1) - place[i] : place[i] - (float)cube.first[i];
-        step[i] = direction[i] != 0 ? fabsf(1 / direction[i]) : INFINITY;
-        next[i] = direction[i] != 0 ? begin + rest * step[i] : INFINITY;
+        float along = march->direction[i] * side[i];
+        way->first[i] = (int)floorf(place[i]);
+        float rest = along > 0 ? (float)(way->first[i] + 1) - place[i] : place[i] - (float)way->first[i];
+        way->step[i] = along != 0 ? fabsf(1 / along) : INFINITY;
+        way->next[i] = along != 0 ? way->begin + rest * way->step[i] : INFINITY;
+        way->ahead[i] = along > 0 ? 1 : -1;
     }
-    for (int i = 0; begin < end && i < MOST_CUBES; i++) {
-        int axis = next[0] <= next[1] ? (next[0] <= next[2] ? 0 : 2) : (next[1] <= next[2] ? 1 : 2);
-        float leave = float_min(next[axis], end);
-        if (leave > begin) {
-            field_corners(&march->density->field, cube.first, cube.corners);
-            float more = integrate(&cube, begin, leave);
-            if (*sum + more > wanted) {
-                *at = find_in_cube(&cube, begin, leave, wanted - *sum);
-                return true;
-            }
-            *sum += more;
-        }
-        begin = leave;
-        next[axis] += step[axis];
-        cube.first[axis] += direction[axis] > 0 ? 1 : -1;
-    }
-    return false;
+    way->left = MOST_CUBES;
 }
 
-bool density_find(const density_t *density, vec3_t from, vec3_t direction, float distance, float wanted,
-                  float *sum, float *at)
+/* Goes on to the next cube; false when there is none. */
+static bool next_cube(way_t *way, way_cube_t *cube)
 {
-    march_t march;
-    float begin, end, most;
+    float most;
+    for (;;) {
+        while (!(way->begin < way->end) || way->left == 0) {
+            if (!march_next(&way->march, &way->begin, &way->end, &most)) return false;
+            if (most > 0)
+                enter_piece(way);
+            else
+                way->begin = way->end;
+        }
+        const float *next = way->next;
+        int axis = next[0] <= next[1] ? (next[0] <= next[2] ? 0 : 2) : (next[1] <= next[2] ? 1 : 2);
+        *cube = (way_cube_t){.first = {way->first[0], way->first[1], way->first[2]},
+                             .begin = way->begin,
+                             .end = float_min(next[axis], way->end)};
+        way->begin = cube->end;
+        way->next[axis] += way->step[axis];
+        way->first[axis] += way->ahead[axis];
+        way->left--;
+        if (cube->end > cube->begin) return true;
+    }
+}
+
+void way_begin(way_t *way, const density_t *density, vec3_t from, vec3_t direction, float distance)
+{
+    way->from = from;
+    way->direction = direction;
+    way->distance = distance;
+    way->begin = way->end = 0;
+    way->left = way->count = 0;
+    march_begin(&way->march, density, from, direction, distance);
+}
+
+bool way_is(const way_t *way, const density_t *density, vec3_t from, vec3_t direction, float distance)
+{
+    return way->march.density == density && way->distance == distance && v_is_zero(v_sub(way->from, from)) &&
+           v_is_zero(v_sub(way->direction, direction));
+}
+
+bool way_find(way_t *way, float wanted, float *sum, float *at)
+{
+    if (way->count > WAY_CUBES) way_begin(way, way->march.density, way->from, way->direction, way->distance);
     *sum = 0;
-    march_begin(&march, density, from, direction, distance);
-    while (march_next(&march, &begin, &end, &most))
-        if (most > 0 && find_in_piece(&march, begin, end, wanted, sum, at)) return true;
+    for (int i = 0; i < way->count; i++) {
+        const way_cube_t *cube = &way->cubes[i];
+        if (cube->sum > wanted) {
+            *at = find_in_cube(&way->march, cube, wanted - *sum);
+            return true;
+        }
+        *sum = cube->sum;
+    }
+    way_cube_t cube;
+    while (next_cube(way, &cube)) {
+        cube.sum = *sum + integrate(&way->march, &cube);
+        if (way->count < WAY_CUBES) way->cubes[way->count] = cube;
+        way->count++;
+        if (cube.sum > wanted) {
+            *at = find_in_cube(&way->march, &cube, wanted - *sum);
+            return true;
+        }
+        *sum = cube.sum;
+    }
     return false;
 }

@@ -3,7 +3,6 @@
 
 #include "common/base.h"
 #include "common/colour/albedo.h"
-#include "worker/render/medium/density.h"
 
 #include <stdlib.h>
 
@@ -197,15 +196,14 @@ static rgb_t weigh(const matter_t *m, rgb_t shares, float gone, bool met, rgb_t 
 
 /* Follows light where the density is 1, or where integrals over it tell how much of the medium it goes
  * through. */
-static bool scatter_by_number(const matter_t *m, vec3_t from, vec3_t direction, float distance, float u,
-                              rgb_t *throughput, float *at)
+static bool scatter_by_number(const matter_t *m, way_t *way, float distance, float u, rgb_t *throughput,
+                              float *at)
 {
     rgb_t shares = shares_of(*throughput);
     float chosen = choose(shares, m->scattering, &u), through = distance;
     float free = chosen > 0 ? -logf(1 - u) / chosen : INFINITY;
     *at = free;
-    bool met = m->density != NULL ? density_find(m->density, from, direction, distance, free, &through, at)
-                                  : free < distance;
+    bool met = way != NULL ? way_find(way, free, &through, at) : free < distance;
     *throughput = weigh(m, shares, met ? free : through, met, *throughput);
     return met;
 }
@@ -447,9 +445,14 @@ bool media_scatter(const media_t *media, blob_ref_t medium, vec3_t from, vec3_t 
 {
     matter_t there;
     const matter_t *m = matter_of(media, medium, numbers, &there);
-    if (m->density != NULL && !(numbers->exact && density_is_small(m->density)))
+    if (m->density == NULL) return scatter_by_number(m, NULL, distance, next_number(numbers), throughput, at);
+    if (!numbers->exact || !density_is_small(m->density))
         return scatter_in_grid(m, from, direction, distance, numbers, throughput, at);
-    return scatter_by_number(m, from, direction, distance, next_number(numbers), throughput, at);
+    way_t own, *way = numbers->way;
+    if (way == NULL) way_forget(way = &own);
+    if (!way_is(way, m->density, from, direction, distance))
+        way_begin(way, m->density, from, direction, distance);
+    return scatter_by_number(m, way, distance, next_number(numbers), throughput, at);
 }
 
 rgb_t media_transmittance(const media_t *media, blob_ref_t medium, vec3_t from, vec3_t direction,

@@ -20,6 +20,7 @@
 #include "common/sampler.h"
 #include "common/scene/scene_blob.h"
 #include "worker/render/bsdf/bsdf.h"
+#include "worker/render/medium/density.h"
 #include "worker/render/spectral/waves.h"
 
 typedef struct media media_t;
@@ -34,7 +35,8 @@ typedef struct {
  * wavelengths of its channels. */
 typedef struct {
     float first; /* below 0: used up */
-    bool exact;  /* so well that it is worth an exact integral over a small grid */
+    bool exact;  /* so well that it is worth an exact integral over a small grid: */
+    way_t *way;  /* where that is kept for others who ask; or NULL */
     uint64_t key;
     const waves_t *waves; /* NULL: red, green and blue */
     float faint; /* what is left of light when Russian roulette decides about it, at most 1; for grids */

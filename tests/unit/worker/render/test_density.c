@@ -200,6 +200,14 @@ static void pieces_cover_the_ray(void **state)
         }
 }
 
+static bool find_along(const density_t *density, vec3_t from, vec3_t direction, float distance, float wanted,
+                       float *sum, float *at)
+{
+    way_t way;
+    way_begin(&way, density, from, direction, distance);
+    return way_find(&way, wanted, sum, at);
+}
+
 /* Along axes, through the middles of cells, along their faces and along those of blocks and of the grid. */
 static void axes_are_rays_like_others(void **state)
 {
@@ -220,7 +228,7 @@ static void axes_are_rays_like_others(void **state)
                 assert_true(inside(&ray, &begin, &end));
                 truth = integral(&grid, &ray, begin, end);
                 float sum, at;
-                assert_false(density_find(grid.density, ray.from, ray.direction, INFINITY, 1e30f, &sum, &at));
+                assert_false(find_along(grid.density, ray.from, ray.direction, INFINITY, 1e30f, &sum, &at));
                 assert_true(fabs((double)sum - truth) < 1e-4 * truth + 1e-4);
             }
     grid_end(&grid);
@@ -245,7 +253,7 @@ static void rays_that_miss_meet_nothing(void **state)
         march_begin(&march, grid.density, rays[i].from, rays[i].direction, rays[i].distance);
         assert_false(march_next(&march, &begin, &end, &most));
         assert_false(
-            density_find(grid.density, rays[i].from, rays[i].direction, rays[i].distance, 1e-6f, &sum, &at));
+            find_along(grid.density, rays[i].from, rays[i].direction, rays[i].distance, 1e-6f, &sum, &at));
         assert_true(sum == 0);
     }
     grid_end(&grid);
@@ -259,14 +267,14 @@ static void check_find(const grid_t *grid, const ray_t *ray)
     if (inside(ray, &begin, &end)) truth = integral(grid, ray, begin, end);
     float sum, at;
     double slack = 1e-3 * truth + 1e-4;
-    assert_false(density_find(grid->density, ray->from, ray->direction, ray->distance,
-                              (float)(truth + 2 * slack), &sum, &at));
+    assert_false(find_along(grid->density, ray->from, ray->direction, ray->distance,
+                            (float)(truth + 2 * slack), &sum, &at));
     assert_true(fabs((double)sum - truth) < slack);
     if (!(truth > 0.01)) return;
     for (int k = 1; k < 8; k++) {
         double wanted = truth * k / 8;
         assert_true(
-            density_find(grid->density, ray->from, ray->direction, ray->distance, (float)wanted, &sum, &at));
+            find_along(grid->density, ray->from, ray->direction, ray->distance, (float)wanted, &sum, &at));
         assert_true((double)at > begin - 1e-4 && (double)at < end + 1e-4);
         assert_true(fabs(integral(grid, ray, begin, (double)at) - wanted) < 2 * slack);
     }
@@ -286,6 +294,39 @@ static void integrals_are_exact(void **state)
     }
 }
 
+/* Whatever was asked before, also where there are more cubes than a way keeps. */
+static void ways_tell_the_same_again(void **state)
+{
+    (void)state;
+    static const uint32_t large[3] = {64, 64, 64}, small[3] = {5, 9, 3};
+    for (int k = 0; k < 2; k++) {
+        grid_t grid;
+        grid_begin(&grid, k == 0 ? large : small, some_transform(0));
+        int most = 0;
+        for (uint64_t i = 0; i < 200; i++) {
+            ray_t ray = some_ray(&grid, i);
+            way_t way;
+            way_begin(&way, grid.density, ray.from, ray.direction, ray.distance);
+            assert_true(way_is(&way, grid.density, ray.from, ray.direction, ray.distance));
+            assert_false(way_is(&way, grid.density, ray.from, v_neg(ray.direction), ray.distance));
+            float whole, nowhere;
+            find_along(grid.density, ray.from, ray.direction, ray.distance, INFINITY, &whole, &nowhere);
+            for (int n = 0; n < 6; n++) {
+                static const float parts[6] = {0.4f, 0.2f, 0.9f, 1.5f, 0.7f, 1.1f};
+                float sum, at = -1, sum_anew, at_anew = -1, wanted = parts[n] * whole;
+                bool found = way_find(&way, wanted, &sum, &at);
+                assert_true(found == find_along(grid.density, ray.from, ray.direction, ray.distance, wanted,
+                                                &sum_anew, &at_anew));
+                assert_true(found == (parts[n] < 1 && whole > 0));
+                assert_true(sum == sum_anew && at == at_anew);
+                most = int_max(most, way.count);
+            }
+        }
+        assert_true(k == 1 || most > WAY_CUBES);
+        grid_end(&grid);
+    }
+}
+
 /* In a grid of one cell of density 2 the density falls to 1 on the faces, along each axis. */
 static void one_cell_falls_off_to_all_sides(void **state)
 {
@@ -299,13 +340,13 @@ static void one_cell_falls_off_to_all_sides(void **state)
     grid.density = density_new(&blob, 1);
     float sum, at;
     vec3_t along = vec3(0, 0, 1);
-    assert_false(density_find(grid.density, vec3(0.5f, 0.5f, -3), along, INFINITY, 5, &sum, &at));
+    assert_false(find_along(grid.density, vec3(0.5f, 0.5f, -3), along, INFINITY, 5, &sum, &at));
     assert_float_equal(sum, 1.5f, 1e-5f);
-    assert_false(density_find(grid.density, vec3(0.25f, 0.5f, -3), along, INFINITY, 5, &sum, &at));
+    assert_false(find_along(grid.density, vec3(0.25f, 0.5f, -3), along, INFINITY, 5, &sum, &at));
     assert_float_equal(sum, 0.75f * 1.5f, 1e-5f);
-    assert_false(density_find(grid.density, vec3(0.25f, 0, -3), along, 3.5f, 5, &sum, &at));
+    assert_false(find_along(grid.density, vec3(0.25f, 0, -3), along, 3.5f, 5, &sum, &at));
     assert_float_equal(sum, 0.75f * 0.5f * 0.75f, 1e-5f);
-    assert_true(density_find(grid.density, vec3(0.5f, 0.5f, -3), along, INFINITY, 0.75f, &sum, &at));
+    assert_true(find_along(grid.density, vec3(0.5f, 0.5f, -3), along, INFINITY, 0.75f, &sum, &at));
     assert_float_equal(at, 3.5f, 1e-3f);
     march_t march;
     march_begin(&march, grid.density, vec3(0.5f, 0.5f, -3), along, INFINITY);
@@ -330,11 +371,9 @@ static void long_grids_are_not_small(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(pieces_cover_the_ray),
-        cmocka_unit_test(axes_are_rays_like_others),
-        cmocka_unit_test(rays_that_miss_meet_nothing),
-        cmocka_unit_test(integrals_are_exact),
-        cmocka_unit_test(one_cell_falls_off_to_all_sides),
+        cmocka_unit_test(pieces_cover_the_ray),        cmocka_unit_test(axes_are_rays_like_others),
+        cmocka_unit_test(rays_that_miss_meet_nothing), cmocka_unit_test(integrals_are_exact),
+        cmocka_unit_test(ways_tell_the_same_again),    cmocka_unit_test(one_cell_falls_off_to_all_sides),
         cmocka_unit_test(long_grids_are_not_small),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
