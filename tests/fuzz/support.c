@@ -179,6 +179,14 @@ static void walk_textures(const scene_blob_t *blob)
     textures_destroy(&textures);
 }
 
+/* False so far from a grid that floats cannot tell places in it apart. */
+static bool is_near(const march_t *march)
+{
+    for (int i = 0; i < 3; i++)
+        if (!(fabsf(march->origin[i]) < 0x1p16f)) return false;
+    return true;
+}
+
 /* Goes through the densities of media on two ways: what is there is finite, and no more than it may be. */
 static void walk_density(const scene_blob_t *blob, blob_ref_t field)
 {
@@ -190,7 +198,7 @@ static void walk_density(const scene_blob_t *blob, blob_ref_t field)
         float begin, end, most;
         march_begin(&march, density, from, directions[i], INFINITY);
         for (int piece = 0; piece < 100 && march_next(&march, &begin, &end, &most); ++piece)
-            if (most > 0 && end < 1e9f) {
+            if (most > 0 && end < 1e9f && is_near(&march)) {
                 float number = density_along(&march, 0.5f * (begin + end));
                 fuzz_expect(number >= 0 && number <= 2 * most, "a density that is not within its bound");
             }
