@@ -30,10 +30,10 @@ static inline blob_ref_t medium_behind(const surface_t *surface, vec3_t w)
 }
 
 /* What of light arrives between two points, from the first of which it starts in such a medium, if they see
- * each other; `length` apart. There may be media with their borders in between. Where less than `faint` is
- * left in a grid, of 1, Russian roulette decides. */
+ * each other; `length` apart, with these borders of media in between. Where less than `faint` is left in a
+ * grid, of 1, Russian roulette decides. */
 rgb_t media_between(sample_t *sample, vec3_t from, vec3_t to, const medium_t *medium, float length,
-                    float faint);
+                    float faint, const borders_t *borders);
 
 /* media_fade, in any scene. */
 static inline float medium_fade(const setup_t *setup, blob_ref_t medium, float distance)
@@ -52,10 +52,11 @@ static inline bool media_matter(const setup_t *setup, const medium_t *medium)
 static inline rgb_t transmit(sample_t *sample, vec3_t from, vec3_t to, medium_t medium, float length,
                              bool look, rgb_t value)
 {
+    borders_t borders;
     sample->result->counts.rays++;
-    if (scene_occluded(sample->setup->scene, from, to, sample->time, look)) return vec3(0, 0, 0);
+    if (scene_crosses(sample->setup->scene, from, to, sample->time, look, &borders)) return vec3(0, 0, 0);
     if (!media_matter(sample->setup, &medium)) return value;
-    return v_mul(value, media_between(sample, from, to, &medium, length, FAINT_LEFT));
+    return v_mul(value, media_between(sample, from, to, &medium, length, FAINT_LEFT, &borders));
 }
 
 /* Up to SCENE_PACKET such ways, quickest when all start close together. */
@@ -91,7 +92,8 @@ static inline uint32_t connections_transmit(sample_t *sample, connections_t *con
     connections->segments.time = sample->time;
     connections->segments.look = look;
     sample->result->counts.rays += (uint64_t)connections->segments.count;
-    uint32_t lost = scene_occluded_packet(sample->setup->scene, &connections->segments);
+    borders_t borders[SCENE_PACKET];
+    uint32_t lost = scene_crosses_packet(sample->setup->scene, &connections->segments, borders);
     uint32_t absorbing = connections->absorbing & ~lost;
     for (int i = 0; absorbing >> i != 0; i++)
         if (absorbing >> i & 1)
@@ -99,7 +101,7 @@ static inline uint32_t connections_transmit(sample_t *sample, connections_t *con
                 v_mul(connections->values[i],
                       media_between(sample, segments_from(&connections->segments, i),
                                     segments_to(&connections->segments, i), &connections->media[i],
-                                    connections->lengths[i], connections->faint[i]));
+                                    connections->lengths[i], connections->faint[i], &borders[i]));
     connections->absorbing = 0;
     connections->segments.count = 0;
     return lost;

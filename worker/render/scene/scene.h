@@ -101,11 +101,28 @@ static inline vec3_t segments_to(const segments_t *segments, int i)
     return vec3(segments->to[0][i], segments->to[1][i], segments->to[2][i]);
 }
 
-/* True when something lies between the points, interfaces excepted. `look`: see segments_t. */
-bool scene_occluded(const scene_t *scene, vec3_t from, vec3_t to, float time, bool look);
-/* Bit i of the answer is set when something lies between from[i] and to[i], interfaces excepted. Quickest
+enum { BORDERS_KEPT = 8 };
+/* The borders on the way of a segment that is not occluded. */
+typedef struct {
+    vec3_t direction; /* of the segment */
+    int count;        /* if more than are kept, those are the first */
+    struct {
+        float at;          /* which part of the segment lies before it, */
+        float offset;      /* where a ray starts that goes on from there (surface_t), */
+        blob_ref_t behind; /* and the medium that it goes on in */
+    } kept[BORDERS_KEPT];  /* in order */
+} borders_t;
+/* True when something lies between the points, borders excepted; else *borders, which may be NULL, has these.
+ * `look`: see segments_t. */
+bool scene_crosses(const scene_t *scene, vec3_t from, vec3_t to, float time, bool look, borders_t *borders);
+static inline bool scene_occluded(const scene_t *scene, vec3_t from, vec3_t to, float time, bool look)
+{
+    return scene_crosses(scene, from, to, time, look, NULL);
+}
+/* The same of up to SCENE_PACKET segments: bit i of the answer is set where segment i is occluded. Quickest
  * when all start close together. */
-uint32_t scene_occluded_packet(const scene_t *scene, const segments_t *segments);
+uint32_t scene_crosses_packet(const scene_t *scene, const segments_t *segments,
+                              borders_t borders[SCENE_PACKET]);
 
 /* True for a surface that does nothing but part media (MATERIAL_INTERFACE). */
 static inline bool surface_is_interface(const surface_t *surface)

@@ -47,7 +47,8 @@ static void filter(const struct RTCFilterFunctionNArguments *arguments, bool sha
     const uint32_t *ids = (const uint32_t *)arguments->hit, *rays = (const uint32_t *)arguments->ray;
     for (unsigned i = 0; i < n; i++) {
         if (arguments->valid[i] != -1) continue;
-        if (geometry->picture && rays[RAY_ID * n + i] != RAY_LOOK) {
+        uint32_t id = rays[RAY_ID * n + i];
+        if (geometry->picture && !(id & RAY_LOOK)) {
             arguments->valid[i] = 0;
             continue;
         }
@@ -55,7 +56,9 @@ static void filter(const struct RTCFilterFunctionNArguments *arguments, bool sha
         hit.place = (vec2_t){floats[HIT_U * n + i], floats[HIT_V * n + i]};
         hit.primitive = ids[HIT_PRIMITIVE * n + i];
         hit.instance_id = ids[HIT_INSTANCE * n + i];
-        if (!alpha_stops(geometry, &hit, shadow)) arguments->valid[i] = 0;
+        if (alpha_stops(geometry, &hit, shadow)) continue;
+        arguments->valid[i] = 0;
+        if (shadow && geometry->border) shadow_crosses(arguments->context, id, geometry, &hit);
     }
 }
 

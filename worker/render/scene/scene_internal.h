@@ -65,8 +65,9 @@ enum {
 };
 enum { HIT_U = 3, HIT_V = 4, HIT_PRIMITIVE = 5, HIT_GEOMETRY = 6, HIT_INSTANCE = 7 };
 
-/* The ids of rays: those that the camera looks along meet pictures, others do not. */
-enum { RAY_PLAIN = 0, RAY_LOOK = 1 };
+/* Of the ids of rays: those that the camera looks along meet pictures, others do not. Shadow rays have their
+ * place in a packet, too. */
+enum { RAY_PLAIN = 0, RAY_LOOK = 1, RAY_PLACE_SHIFT = 1 };
 
 /* The ray of a lane, in the space of the scene that is traced. */
 static inline hit_t lane_hit(const float *rays, unsigned n, unsigned i)
@@ -102,6 +103,10 @@ RTCGeometry scene_new_quadric(const scene_t *scene);
 /* Embree's filters of a shape with an alpha: they let rays through (scene_alpha.c). */
 void alpha_filter_nearest(const struct RTCFilterFunctionNArguments *arguments);
 void alpha_filter_shadow(const struct RTCFilterFunctionNArguments *arguments);
+/* Notes that a shadow ray with this id crosses a border of media at the hit, if it is to
+ * (scene_shadow.c). */
+void shadow_crosses(const struct RTCIntersectContext *context, uint32_t id, const geometry_t *geometry,
+                    const hit_t *hit);
 /* True when the shape stops the ray at the hit. */
 bool alpha_stops(const geometry_t *geometry, const hit_t *hit, bool shadow);
 /* Everything about a hit. The ray of `hit` is in the object's space for alpha's sake, in the world for all

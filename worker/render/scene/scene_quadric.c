@@ -15,20 +15,22 @@ static void bounds_of_quadric(const struct RTCBoundsFunctionArguments *arguments
 }
 
 /* Distance along the lane's ray to the first crossing that counts, or a negative number. */
-static float lane_distance(const geometry_t *geometry, const float *rays, unsigned n, unsigned i,
-                           uint32_t instance_id, bool shadow)
+static float lane_distance(const geometry_t *geometry, const struct RTCIntersectContext *context,
+                           const float *rays, unsigned n, unsigned i, bool shadow)
 {
     hit_t hit = lane_hit(rays, n, i);
     float near = rays[RAY_NEAR * n + i], far = hit.distance, distances[2];
     int count = quadric_crossings(geometry->quadric, hit.origin, hit.direction, distances);
     bool opaque = alpha_is_opaque(&geometry->shape->alpha) &&
                   (!shadow || (!geometry->border && alpha_is_opaque(&geometry->shape->shadow_alpha)));
-    hit.instance_id = instance_id;
+    hit.instance_id = context->instID[0];
     for (int k = 0; k < count; k++) {
         if (!(distances[k] > near && distances[k] < far)) continue;
         hit.distance = distances[k];
         hit.primitive = (uint32_t)k; /* draws another number at the far side */
         if (opaque || alpha_stops(geometry, &hit, shadow)) return distances[k];
+        if (shadow && geometry->border)
+            shadow_crosses(context, ((const uint32_t *)rays)[RAY_ID * n + i], geometry, &hit);
     }
     return -1;
 }
@@ -41,7 +43,7 @@ static void intersect_quadric(const struct RTCIntersectFunctionNArguments *argum
     unsigned *hit_ids = (unsigned *)hit_floats;
     for (unsigned i = 0; i < n; i++) {
         if (arguments->valid[i] != -1) continue;
-        float t = lane_distance(geometry, rays, n, i, arguments->context->instID[0], false);
+        float t = lane_distance(geometry, arguments->context, rays, n, i, false);
         if (t < 0) continue;
         rays[RAY_FAR * n + i] = t;
         hit_floats[HIT_U * n + i] = hit_floats[HIT_V * n + i] = 0;
@@ -57,8 +59,7 @@ static void occlude_quadric(const struct RTCOccludedFunctionNArguments *argument
     unsigned n = arguments->N;
     float *rays = (float *)arguments->ray;
     for (unsigned i = 0; i < n; i++)
-        if (arguments->valid[i] == -1 &&
-            lane_distance(geometry, rays, n, i, arguments->context->instID[0], true) >= 0)
+        if (arguments->valid[i] == -1 && lane_distance(geometry, arguments->context, rays, n, i, true) >= 0)
             rays[RAY_FAR * n + i] = -INFINITY;
 }
 
