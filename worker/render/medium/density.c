@@ -288,23 +288,26 @@ bool way_is(const way_t *way, const density_t *density, vec3_t from, vec3_t dire
            v_is_zero(v_sub(way->direction, direction));
 }
 
+/* The i-th cube, of those that are kept or the next one; false when there is none. `sum` is up to it. */
+static bool way_cube(way_t *way, int i, float sum, way_cube_t *cube)
+{
+    if (i < way->count) {
+        *cube = way->cubes[i];
+        return true;
+    }
+    if (!next_cube(way, cube)) return false;
+    cube->sum = sum + integrate(&way->march, cube);
+    if (way->count < WAY_CUBES) way->cubes[way->count] = *cube;
+    way->count++;
+    return true;
+}
+
 bool way_find(way_t *way, float wanted, float *sum, float *at)
 {
     if (way->count > WAY_CUBES) way_begin(way, way->march.density, way->from, way->direction, way->distance);
-    *sum = 0;
-    for (int i = 0; i < way->count; i++) {
-        const way_cube_t *cube = &way->cubes[i];
-        if (cube->sum > wanted) {
-            *at = find_in_cube(&way->march, cube, wanted - *sum);
-            return true;
-        }
-        *sum = cube->sum;
-    }
     way_cube_t cube;
-    while (next_cube(way, &cube)) {
-        cube.sum = *sum + integrate(&way->march, &cube);
-        if (way->count < WAY_CUBES) way->cubes[way->count] = cube;
-        way->count++;
+    *sum = 0;
+    for (int i = 0; way_cube(way, i, *sum, &cube); i++) {
         if (cube.sum > wanted) {
             *at = find_in_cube(&way->march, &cube, wanted - *sum);
             return true;
