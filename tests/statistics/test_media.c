@@ -332,8 +332,8 @@ static void slabs_dim_what_is_behind(void **state)
     assert_true(holds);
 }
 
-/* Nor is a leaf taken for one: it lets half of the light through, and stands before a placed slab or in it.
- */
+/* A leaf that lets half of the light through is no border of a medium, and hides none: it stands before a
+   placed slab, or in it. */
 static void leaves_hide_no_borders(void **state)
 {
     (void)state;
