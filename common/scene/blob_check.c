@@ -252,8 +252,8 @@ static result_t check_curves(const scene_blob_t *blob)
         const blob_curves_t *curves = &blob->curves[i];
         unsigned long long id = i;
         uint64_t count = 4 * (uint64_t)curves->segment_count;
-        CHECK(is_one_of(curves->kind, CURVES_ROUND, CURVES_FIBRE + 1), "curves %llu: unknown kind %u", id,
-              curves->kind);
+        CHECK(is_one_of(curves->kind, CURVES_ROUND, CURVES_FLAT_FIBRE + 1), "curves %llu: unknown kind %u",
+              id, curves->kind);
         CHECK(count > 0 && curves->first_point >= next && range_inside(curves->first_point, count, points),
               "curves %llu: its points lie outside the points, or are another's", id);
         next = curves->first_point + count;
@@ -302,7 +302,7 @@ static result_t check_shapes(const scene_blob_t *blob)
                    blob->lights[shape->light].kind == LIGHT_AREA && blob->lights[shape->light].shape == id),
               "shape %llu: light %u does not belong to it", id, shape->light);
         CHECK(shape->light == BLOB_NONE || shape->kind != SHAPE_CURVES, "shape %llu: curves cannot emit", id);
-        CHECK(shape->kind != SHAPE_CURVES || blob->curves[shape->geometry].kind != CURVES_FIBRE ||
+        CHECK(shape->kind != SHAPE_CURVES || !curves_are_fibres(blob->curves[shape->geometry].kind) ||
                   blob->materials[shape->material].kind == MATERIAL_HAIR,
               "shape %llu: is of fibres, and its material is not hair", id);
         CHECK(shape->light == BLOB_NONE || shape->kind != SHAPE_MESH ||

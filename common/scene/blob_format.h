@@ -188,8 +188,14 @@ typedef struct {
 typedef enum {
     CURVES_ROUND = 1,
     CURVES_RIBBON = 2,
-    CURVES_FIBRE = 3 /* hair: a band that faces each ray; its material is MATERIAL_HAIR */
+    CURVES_FIBRE = 3,     /* hair: a band that faces each ray; its material is MATERIAL_HAIR */
+    CURVES_FLAT_FIBRE = 4 /* the same, whose normal does not turn from edge to edge */
 } curves_kind_t;
+
+static inline bool curves_are_fibres(uint32_t kind)
+{
+    return kind == CURVES_FIBRE || kind == CURVES_FLAT_FIBRE;
+}
 
 /* Cubic Bezier segments, four points each; u runs from 0 to 1 along all of them, v across. */
 typedef struct {

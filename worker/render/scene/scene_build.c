@@ -29,11 +29,12 @@ static RTCGeometry new_curves(const scene_t *scene, const blob_curves_t *curves)
     static const enum RTCGeometryType types[] = {[CURVES_ROUND] = RTC_GEOMETRY_TYPE_ROUND_BEZIER_CURVE,
                                                  [CURVES_RIBBON] =
                                                      RTC_GEOMETRY_TYPE_NORMAL_ORIENTED_BEZIER_CURVE,
-                                                 [CURVES_FIBRE] = RTC_GEOMETRY_TYPE_FLAT_BEZIER_CURVE};
+                                                 [CURVES_FIBRE] = RTC_GEOMETRY_TYPE_FLAT_BEZIER_CURVE,
+                                                 [CURVES_FLAT_FIBRE] = RTC_GEOMETRY_TYPE_FLAT_BEZIER_CURVE};
     bool ribbon = curves->kind == CURVES_RIBBON;
     RTCGeometry geometry = rtcNewGeometry(scene->device, types[curves->kind]);
     /* As many straight pieces of a segment as are looked at together. */
-    if (curves->kind == CURVES_FIBRE) rtcSetGeometryTessellationRate(geometry, 8);
+    if (curves_are_fibres(curves->kind)) rtcSetGeometryTessellationRate(geometry, 8);
     size_t points = 4 * (size_t)curves->segment_count;
     rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT4,
                                blob->curve_points + curves->first_point, 0, sizeof(blob_curve_point_t),

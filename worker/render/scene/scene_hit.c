@@ -62,9 +62,10 @@ static strand_t strand_at(const blob_curve_point_t c[4], float t)
 }
 
 /* Sets the surface on the band that a hair shows to the ray. All of it is as in pbrt-v3: the normal turns
- * evenly from edge to edge, the other way than a tube's; the offset at which the lobe takes the hair to be
- * seen fits that. What goes on from there starts beyond the hair, since its bands face each ray anew: 2
- * widths off for each component of the normal. So hairs that are closer do not shade each other. */
+ * evenly from edge to edge, the other way than a tube's, unless the hair is flat; the offset at which the
+ * lobe takes the hair to be seen fits that. What goes on from there starts beyond the hair, since its bands
+ * face each ray anew: 2 widths off for each component of the normal. So hairs that are closer do not shade
+ * each other. */
 static bool fill_fibre(const scene_t *scene, const hit_t *hit, const placement_t *placement,
                        surface_t *surface)
 {
@@ -79,7 +80,8 @@ static bool fill_fibre(const scene_t *scene, const hit_t *hit, const placement_t
         v_frame(along, &s, &t);
         facing = s;
     }
-    float turn = 0.5f * PI_F * float_clamp(hit->place.y, -1, 1), reach = 0;
+    bool flat = curves->kind == CURVES_FLAT_FIBRE;
+    float turn = flat ? 0 : 0.5f * PI_F * float_clamp(hit->place.y, -1, 1), reach = 0;
     vec3_t across = v_cross(along, facing); /* to where Embree's v falls */
     surface->p = v_mad(hit->origin, hit->distance, hit->direction);
     surface->ng = surface->ns = v_sub(v_scale(across, sinf(turn)), v_scale(facing, cosf(turn)));
@@ -115,7 +117,7 @@ bool scene_fill_surface(const scene_t *scene, const blob_shape_t *shape, const h
     placement_t moved;
     const placement_t *placement =
         instanced ? instance_at(&scene->instances[surface->instance], hit->time, &moved) : NULL;
-    if (shape->kind == SHAPE_CURVES && blob->curves[shape->geometry].kind == CURVES_FIBRE)
+    if (shape->kind == SHAPE_CURVES && curves_are_fibres(blob->curves[shape->geometry].kind))
         return fill_fibre(scene, hit, placement, surface);
     place_t at;
     if (shape->kind == SHAPE_MESH) {

@@ -341,11 +341,20 @@ static bool is_ready(pbrt_t *p, material_t *material, int depth)
 
 enum { LATE = 1u << 31 }; /* with an index in materials: a shape's material that is made at the end */
 
-/* Curves that were there before it was known that they are of hair. */
-static void make_fibres(pbrt_t *p, const blob_shape_t *shape)
+void pbrt_warn_of_flat_curves(pbrt_t *p, position_t at)
+{
+    if (p->flat_curves) return;
+    p->flat_curves = true;
+    report_warning(p->report, at, "flat curves are taken for round ones, here and further down");
+}
+
+/* Curves that were there before it was known that they are not of hair. */
+static void make_round(pbrt_t *p, const material_t *material, const blob_shape_t *shape)
 {
     blob_curves_t *curves = blob_builder_records(p->builder->blob, BLOB_SECTION_CURVES);
-    if (curves[shape->geometry].kind == CURVES_ROUND) curves[shape->geometry].kind = CURVES_FIBRE;
+    uint32_t *kind = &curves[shape->geometry].kind;
+    if (*kind == CURVES_FLAT_FIBRE) pbrt_warn_of_flat_curves(p, material->at);
+    if (curves_are_fibres(*kind)) *kind = CURVES_ROUND;
 }
 
 static result_t finish_material(pbrt_t *p, blob_shape_t *shape)
@@ -355,8 +364,8 @@ static result_t finish_material(pbrt_t *p, blob_shape_t *shape)
     TRY(make_once(p, material));
     shape->material = material->index;
     if (material->index != BLOB_NONE) {
-        if (shape->kind == SHAPE_CURVES && material_kind(material->entry) == MATERIAL_HAIR)
-            make_fibres(p, shape);
+        if (shape->kind == SHAPE_CURVES && material_kind(material->entry) != MATERIAL_HAIR)
+            make_round(p, material, shape);
         return result_ok();
     }
     if (!(shape->flags & SHAPE_INTERFACE) || shape->light != BLOB_NONE || shape->kind == SHAPE_CURVES)
@@ -403,10 +412,11 @@ result_t pbrt_shape_material(pbrt_t *p, params_t *shape_params, uint32_t *index)
     return result_ok();
 }
 
-bool pbrt_material_is_hair(const pbrt_t *p)
+bool pbrt_material_may_be_hair(const pbrt_t *p)
 {
     const material_t *material = &p->materials[p->now.material];
-    return material->params && material_kind(material->entry) == MATERIAL_HAIR;
+    if (material->params) return material_kind(material->entry) == MATERIAL_HAIR;
+    return p->dialect.dialect == DIALECT_V4 && !material->made;
 }
 
 void pbrt_check_unused_materials(pbrt_t *p)

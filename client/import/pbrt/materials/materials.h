@@ -14,8 +14,10 @@ void pbrt_default_material(pbrt_t *p);
 result_t pbrt_shape_material(pbrt_t *p, params_t *shape_params, uint32_t *index);
 /* The material of shapes that have such an interface and part two media. */
 uint32_t pbrt_interface_material(pbrt_t *p);
-/* Whether the material that shapes get is known to be hair. */
-bool pbrt_material_is_hair(const pbrt_t *p);
+/* Whether the material that shapes get is hair, or (v4) not known yet. */
+bool pbrt_material_may_be_hair(const pbrt_t *p);
+/* Says, once, that flat curves which are not of hair become round ones. */
+void pbrt_warn_of_flat_curves(pbrt_t *p, position_t at);
 /* v4: makes the materials of shapes whose names, or the names of their textures, came later. */
 result_t pbrt_finish_materials(pbrt_t *p);
 /* Checks the materials that no shape has: warnings only. */

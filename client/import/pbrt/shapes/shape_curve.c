@@ -35,11 +35,10 @@ static result_t read_kind(pbrt_t *p, shape_work_t *work, curve_t *curve)
     if (!curve->spline && strcmp(basis, "bezier") != 0)
         return error_at(params_where(work->params, "basis", work->at),
                         "the basis of a curve is \"bezier\" or \"bspline\", not \"%.40s\"", basis);
-    if (curve->kind == CURVES_ROUND && pbrt_material_is_hair(p)) curve->kind = CURVES_FIBRE;
-    if (strcmp(type, "flat") == 0 && curve->kind == CURVES_ROUND && !p->flat_curves) {
-        p->flat_curves = true;
-        report_warning(p->report, work->at, "flat curves are taken for round ones, here and further down");
-    }
+    bool flat = strcmp(type, "flat") == 0;
+    if (curve->kind == CURVES_ROUND && pbrt_material_may_be_hair(p))
+        curve->kind = flat ? CURVES_FLAT_FIBRE : CURVES_FIBRE;
+    if (flat && curve->kind == CURVES_ROUND) pbrt_warn_of_flat_curves(p, work->at);
     return result_ok();
 }
 

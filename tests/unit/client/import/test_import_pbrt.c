@@ -781,7 +781,7 @@ static void curves_of_hair_are_fibres(void **state)
     bench_expect_silence(&bench);
     assert_int_equal(curves_kind(&bench, 0), CURVES_ROUND);
     assert_int_equal(curves_kind(&bench, 1), CURVES_FIBRE);
-    assert_int_equal(curves_kind(&bench, 2), CURVES_FIBRE); /* flat ones need no warning then */
+    assert_int_equal(curves_kind(&bench, 2), CURVES_FLAT_FIBRE); /* flat ones need no warning then */
     assert_int_equal(curves_kind(&bench, 3), CURVES_RIBBON);
     assert_int_equal(material_of(&bench, 4)->kind, MATERIAL_HAIR);
     /* v4 may say later what it is. */
@@ -790,6 +790,13 @@ static void curves_of_hair_are_fibres(void **state)
                       "MakeNamedMaterial \"d\" \"string type\" \"diffuse\"\n");
     bench_expect_silence(&bench);
     assert_int_equal(curves_kind(&bench, 0), CURVES_FIBRE);
+    assert_int_equal(curves_kind(&bench, 1), CURVES_ROUND);
+#define FLAT_STRAND "Shape \"curve\" \"point3 P\" [0 0 0  1 0 0  2 0 0  3 0 0]\n"
+    bench_run(&bench, "WorldBegin\n" LIT "NamedMaterial \"h\"\n" FLAT_STRAND
+                      "NamedMaterial \"d\"\n" FLAT_STRAND "MakeNamedMaterial \"h\" \"string type\" \"hair\"\n"
+                      "MakeNamedMaterial \"d\" \"string type\" \"diffuse\"\n");
+    expect_text(bench.warnings, "flat curves are taken for round ones");
+    assert_int_equal(curves_kind(&bench, 0), CURVES_FLAT_FIBRE);
     assert_int_equal(curves_kind(&bench, 1), CURVES_ROUND);
     bench_close(&bench);
 }
