@@ -28,9 +28,10 @@ typedef struct {
     scene_t *scene;
 } strand_t;
 
-static void add_fibre(blob_builder_t *b, const blob_curve_point_t points[4], uint32_t material)
+static void add_fibre(blob_builder_t *b, curves_kind_t kind, const blob_curve_point_t points[4],
+                      uint32_t material)
 {
-    blob_curves_t curves = {.kind = CURVES_FIBRE, .segment_count = 1, .first_normal = BLOB_NONE};
+    blob_curves_t curves = {.kind = kind, .segment_count = 1, .first_normal = BLOB_NONE};
     curves.first_point = blob_builder_add(b, BLOB_SECTION_CURVE_POINTS, points, 4);
     blob_shape_t shape = {.kind = SHAPE_CURVES,
                           .material = material,
@@ -41,14 +42,19 @@ static void add_fibre(blob_builder_t *b, const blob_curve_point_t points[4], uin
     blob_builder_add(b, BLOB_SECTION_SHAPES, &shape, 1);
 }
 
-static void strand_begin(strand_t *strand, blob_material_t material)
+static void strand_begin_as(strand_t *strand, curves_kind_t kind, blob_material_t material)
 {
     const blob_curve_point_t points[4] = {
         {-1, 0, 0, RADIUS}, {-1 / 3.0f, 0, 0, RADIUS}, {1 / 3.0f, 0, 0, RADIUS}, {1, 0, 0, RADIUS}};
     strand->builder = test_scene_begin(vec3(0, 0, -5), 40, 8);
-    add_fibre(strand->builder.builder, points, test_scene_material(&strand->builder, material));
+    add_fibre(strand->builder.builder, kind, points, test_scene_material(&strand->builder, material));
     test_scene_finish(&strand->builder);
     assert_int_equal(scene_new(&strand->builder.blob, &strand->scene).code, RESULT_OK);
+}
+
+static void strand_begin(strand_t *strand, blob_material_t material)
+{
+    strand_begin_as(strand, CURVES_FIBRE, material);
 }
 
 static void strand_end(strand_t *strand)
@@ -105,6 +111,44 @@ static void a_ray_meets_a_fibre_at_its_offset(void **state)
     strand_end(&strand);
 }
 
+/* The normal of a flat hair does not turn, and its offsets are those of any. */
+static void a_flat_fibre_faces_the_ray(void **state)
+{
+    (void)state;
+    strand_t strand;
+    strand_begin_as(&strand, CURVES_FLAT_FIBRE, (blob_material_t){HAIR(0.3f, 0.3f)});
+    for (size_t i = 0; i < ARRAY_LENGTH(offsets); i++) {
+        vertex_t vertex = vertex_at(&strand, offsets[i], 1);
+        assert_true(vertex_is_for_eyes(&vertex));
+        assert_float_equal(vertex.bsdf.lobes[0].hair.h, offsets[i], 1e-3f);
+        assert_float_equal(vertex.surface.ng.y, 0, 1e-6f);
+        assert_float_equal(vertex.surface.ng.z, -1, 1e-6f);
+    }
+    strand_end(&strand);
+}
+
+/* A hair lights what rays from it come to, from where they come; and nothing that they miss. */
+static void a_fibre_lights_what_its_rays_meet(void **state)
+{
+    (void)state;
+    strand_t strand;
+    strand_begin(&strand, (blob_material_t){HAIR(0.3f, 0.3f)});
+    for (uint32_t i = 0; i < 2000; i++) {
+        sampler_t sampler = sampler_new(SAMPLER_INDEPENDENT, 7, 0, i);
+        vertex_t vertex = vertex_at(&strand, 1.98f * sampler_1d(&sampler) - 0.99f, 0.5f);
+        vec3_t w = warp_sphere(sampler_2d(&sampler)), n = vertex.surface.ng, d;
+        float distance = 0.01f + sampler_1d(&sampler);
+        vec3_t met = v_mad(vertex_exit(&vertex, w), 2 * RADIUS + distance, w);
+        assert_true(vertex_way_to(&vertex, met, &d));
+        assert_float_equal(v_length(d), distance, 1e-4f);
+        assert_float_equal(v_length(v_sub(v_normalize(d), w)), 0, 1e-3f);
+        vec3_t across = v_mad(w, -v_dot(w, n), n), missed = v_add(vertex.surface.p, across);
+        missed = v_mad(missed, 0.99f * vertex.surface.offset * (2 * sampler_1d(&sampler) - 1), n);
+        assert_false(vertex_way_to(&vertex, missed, &d));
+    }
+    strand_end(&strand);
+}
+
 /* What leaves a hair does not meet it again. */
 static void light_leaves_its_fibre(void **state)
 {
@@ -157,7 +201,7 @@ static void fibres_of_instances_are_where_they_are_placed(void **state)
     uint32_t material = test_scene_material(&strand.builder, (blob_material_t){HAIR(0.3f, 0.3f)});
     test_scene_sphere(&strand.builder, vec3(0, 0, 50), 1, material, vec3(0, 0, 0));
     uint32_t world = blob_builder_count(b, BLOB_SECTION_SHAPES);
-    add_fibre(b, points, material);
+    add_fibre(b, CURVES_FIBRE, points, material);
     const xform_t turned = {{{0, -2, 0, 0}, {2, 0, 0, 0}, {0, 0, 2, 0}}}; /* x to y, twice as large */
     const blob_object_t objects[] = {{0, world}, {world, 1}};
     const blob_instance_t instance = {1, turned, turned};
@@ -443,6 +487,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_ray_meets_a_fibre_at_its_offset),
+        cmocka_unit_test(a_flat_fibre_faces_the_ray),
+        cmocka_unit_test(a_fibre_lights_what_its_rays_meet),
         cmocka_unit_test(light_leaves_its_fibre),
         cmocka_unit_test(the_normal_is_between_both_ways),
         cmocka_unit_test(fibres_of_instances_are_where_they_are_placed),

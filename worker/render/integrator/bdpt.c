@@ -283,7 +283,8 @@ static void join_light(half_t *b, const vertex_t *z, uint32_t k)
 static void join_vertices(half_t *b, const vertex_t *z, const light_choice_t *choice, uint32_t k)
 {
     const vertex_t *y = choice->vertex;
-    vec3_t d = v_sub(vertex_point(y), vertex_point(z));
+    vec3_t d;
+    if (!vertex_way_to(z, vertex_point(y), &d)) return;
     float distance2 = v_length2(d);
     if (!(distance2 > 0)) return;
     float distance = sqrtf(distance2);

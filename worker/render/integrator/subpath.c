@@ -164,7 +164,7 @@ static void go_on(walk_t *walk, const vertex_t *vertex, vec3_t w)
     walk->scattered = walk->scattered || walk->joinable;
     walk->parallel = false;
     walk->direction = w;
-    walk->point = vertex_point(vertex);
+    walk->point = vertex_source(vertex, w);
     walk->origin = vertex_exit(vertex, w);
     walk->cosine = vertex_area_cosine(vertex, w);
     walk->medium = vertex_medium(vertex, w);

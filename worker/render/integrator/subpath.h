@@ -77,7 +77,7 @@ typedef struct {
     int within;               /* and those within bodies, which do not */
     uint32_t dimension;       /* where the random numbers of vertex i - 1 begin */
     vec3_t origin, direction; /* of the ray */
-    vec3_t point;             /* vertex i - 1 */
+    vec3_t point;             /* vertex i - 1: its vertex_source */
     float cosine;             /* |direction . geometric normal| there; 1 where there is none */
     rgb_t throughput;
     medium_t medium; /* along the ray; once it has arrived, where it did */

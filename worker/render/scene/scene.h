@@ -137,11 +137,17 @@ static inline bool surface_is_whole(const surface_t *surface)
     return surface->shape->flags & SHAPE_CUTOUT || (alpha->texture == 0 && alpha->factor.x >= 1);
 }
 
-/* The surface's point moved off the surface, to the side to which `direction`, of unit length, points. */
-static inline vec3_t scene_offset(const surface_t *surface, vec3_t direction)
+/* The surface's point moved off the surface, to the side to which `direction`, of any length, points. */
+static inline vec3_t scene_beside(const surface_t *surface, vec3_t direction)
 {
     float side = v_dot(surface->ng, direction) < 0 ? -surface->offset : surface->offset;
-    vec3_t p = v_mad(surface->p, side, surface->ng);
+    return v_mad(surface->p, side, surface->ng);
+}
+
+/* The same, for a ray of unit direction to start at. */
+static inline vec3_t scene_offset(const surface_t *surface, vec3_t direction)
+{
+    vec3_t p = scene_beside(surface, direction);
     /* Embree leaves out bands that are nearer to the start of a ray than 2 of their radii. */
     return surface->fibre ? v_mad(p, -2 * surface->radius, direction) : p;
 }
