@@ -93,9 +93,15 @@ void density_destroy(density_t **density)
 
 /* ---- along a ray --------------------------------------------------------------------------------------- */
 
-/* Narrows the ray to where one of its coordinates lies between 0 and `size`. */
+/* Narrows the ray to where one of its coordinates lies between 0 and `size`; to nothing where floats do not
+ * tell blocks apart. */
 static void clip(march_t *march, float origin, float direction, float size)
 {
+    const float farthest = 0x1p24f;
+    if (!(fabsf(origin) < farthest && fabsf(direction) < INFINITY)) {
+        march->end = -1;
+        return;
+    }
     if (direction == 0) {
         if (!(origin >= 0 && origin <= size)) march->end = -1;
         return;

@@ -33,7 +33,8 @@ typedef struct {
     ptrdiff_t stride[3];           /* and from it to that of the next one */
 } march_t;
 
-/* Starts at `from` in the unit direction, for a distance that may be INFINITY. */
+/* Starts at `from` in the unit direction, for a distance that may be INFINITY. From 2^24 blocks away on there
+ * is nothing. */
 void march_begin(march_t *march, const density_t *density, vec3_t from, vec3_t direction, float distance);
 /* Goes on to the next piece: it lies between the distances *begin and *end, and has at most the density
  * *most, which may be 0. False when there is none. */

@@ -246,6 +246,14 @@ static void rays_that_miss_meet_nothing(void **state)
         {{-1, -1e-3f, 0.5f}, {1, 0, 0}, INFINITY, {0}, {0}}, /* just below it */
         {{0.5f, 0.5f, 0.5f}, {1, 0, 0}, 0, {0}, {0}},        /* nowhere */
         {{-1, 0, 0.5f}, {0.6f, -0.8f, 0}, INFINITY, {0}, {0}},
+        {{-1e10f, 0.5f, 0.5f},
+         {1, 0, 0},
+         INFINITY,
+         {0},
+         {0}}, /* from where floats do not tell blocks apart */
+        {{-INFINITY, 0.5f, 0.5f}, {1, 0, 0}, INFINITY, {0}, {0}},
+        {{0.5f, NAN, 0.5f}, {0, 0.6f, 0.8f}, INFINITY, {0}, {0}},
+        {{0.5f, 0.5f, 0.5f}, {INFINITY, 0, 0}, INFINITY, {0}, {0}},
     };
     for (size_t i = 0; i < ARRAY_LENGTH(rays); i++) {
         march_t march;
@@ -256,6 +264,21 @@ static void rays_that_miss_meet_nothing(void **state)
             find_along(grid.density, rays[i].from, rays[i].direction, rays[i].distance, 1e-6f, &sum, &at));
         assert_true(sum == 0);
     }
+    grid_end(&grid);
+}
+
+/* A place in the grid that is no number: two of its terms are infinite. */
+static void grids_without_places_are_not_met(void **state)
+{
+    (void)state;
+    grid_t grid;
+    const xform_t flat = {{{1, 0, 0, 0}, {1, -2e-38f, 0, 0}, {0, 0, 1, 0}}};
+    grid_begin(&grid, sizes[3], flat);
+    march_t march;
+    float begin, end, most;
+    march_begin(&march, grid.density, vec3(10, 20, 0.5f), vec3(-0.6f, 0, 0.8f), INFINITY);
+    assert_true(isnan(march.origin[1]));
+    assert_false(march_next(&march, &begin, &end, &most));
     grid_end(&grid);
 }
 
@@ -371,9 +394,13 @@ static void long_grids_are_not_small(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(pieces_cover_the_ray),        cmocka_unit_test(axes_are_rays_like_others),
-        cmocka_unit_test(rays_that_miss_meet_nothing), cmocka_unit_test(integrals_are_exact),
-        cmocka_unit_test(ways_tell_the_same_again),    cmocka_unit_test(one_cell_falls_off_to_all_sides),
+        cmocka_unit_test(pieces_cover_the_ray),
+        cmocka_unit_test(axes_are_rays_like_others),
+        cmocka_unit_test(rays_that_miss_meet_nothing),
+        cmocka_unit_test(grids_without_places_are_not_met),
+        cmocka_unit_test(integrals_are_exact),
+        cmocka_unit_test(ways_tell_the_same_again),
+        cmocka_unit_test(one_cell_falls_off_to_all_sides),
         cmocka_unit_test(long_grids_are_not_small),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
