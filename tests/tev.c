@@ -102,10 +102,15 @@ bool tev_wait_shown(tev_t *tev, double seconds, tev_shown_t *shown)
 
 void tev_expect_hash(tev_t *tev, const hash_t *hash)
 {
+    tev_shown_t shown = {.hash = ""};
+    tev_expect_hash_after(tev, &shown, hash);
+}
+
+void tev_expect_hash_after(tev_t *tev, const tev_shown_t *before, const hash_t *hash)
+{
     char expected[2 * HASH_BYTES + 1];
-    tev_shown_t shown;
+    tev_shown_t shown = *before;
     hash_to_hex(hash, expected);
-    do
+    while (strcmp(shown.hash, expected) != 0)
         if (!tev_wait_shown(tev, PATIENCE, &shown)) fail_msg("the viewer never shows %s", expected);
-    while (strcmp(shown.hash, expected) != 0);
 }

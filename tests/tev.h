@@ -32,5 +32,7 @@ typedef struct {
 bool tev_wait_shown(tev_t *tev, double seconds, tev_shown_t *shown);
 /* Waits until a viewer shows an image of this pixel hash. */
 void tev_expect_hash(tev_t *tev, const hash_t *hash);
+/* The same, of one that showed `before` last. */
+void tev_expect_hash_after(tev_t *tev, const tev_shown_t *before, const hash_t *hash);
 
 #endif

@@ -41,10 +41,10 @@ static void a_render_is_shown_as_it_converges(void **state)
     free(layout);
     tev_shown_t first;
     assert_true(tev_wait_shown(tev, PATIENCE, &first));
-    assert_true(first.updates > 0 && first.updates % (4 * 5) == 0); /* a slow viewer gets two at once */
+    assert_true(first.updates > 0); /* a slow viewer may have a part of one picture then, or the last one */
     assert_int_equal(rig_wait_exit(rig, render, PATIENCE), 0);
     hash_t hash = rig_file_hash(path);
-    tev_expect_hash(tev, &hash);
+    tev_expect_hash_after(tev, &first, &hash);
     free(tev_wait(tev, "closed", PATIENCE));
     free(path);
     tev_kill(&tev);
@@ -76,7 +76,7 @@ static void only_tiles_with_new_samples_are_sent(void **state)
     kill(worker, SIGSTOP);
     rig_sleep(0.5); /* what is on the wire arrives */
     hash_t hash = rig_image_hash(rig, job);
-    tev_expect_hash(tev, &hash);
+    tev_expect_hash_after(tev, &shown, &hash);
     kill(worker, SIGCONT);
     rig_wait_samples(rig, job, rig_status(rig, job).samples_done + 1);
     kill(worker, SIGSTOP);
@@ -155,7 +155,7 @@ static void a_job_is_shown_to_viewers_that_come_and_go(void **state)
     assert_int_equal(rig_wait_job(rig, job).state, JOB_DONE);
     hash_t hash = rig_image_hash(rig, job);
     assert_int_equal(rig_wait_exit(rig, process, PATIENCE), 0);
-    tev_expect_hash(tev, &hash);
+    tev_expect_hash_after(tev, &shown, &hash);
     assert_told(rig, process, "is gone");
     assert_told(rig, process, "is there");
     /* A job that is over is shown as it is; without a viewer that fails after a while. */
