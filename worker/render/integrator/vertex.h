@@ -114,20 +114,20 @@ static inline float vertex_adjoint(const vertex_t *vertex, vec3_t w)
     return den != 0 ? fabsf(num / den) : 0;
 }
 
-/* The point that light in direction w, of any length, comes from. What leaves a fibre leaves beside it,
- * whatever makes the path, and does not come to anything that is nearer. */
+/* The point that light in direction w, of any length, comes from: beside a fibre, which its rays start
+ * beyond. */
 static inline vec3_t vertex_source(const vertex_t *vertex, vec3_t w)
 {
     return vertex_is_for_eyes(vertex) ? scene_beside(&vertex->surface, w) : vertex_point(vertex);
 }
 
-/* Sets *d to the way of light from there to a point; false when it does not come there. */
+/* Sets *d to the way of light from there to a point; false when that is nearer, so that no light comes to it.
+ */
 static inline bool vertex_way_to(const vertex_t *vertex, vec3_t point, vec3_t *d)
 {
     vec3_t straight = v_sub(point, vertex_point(vertex));
     *d = v_sub(point, vertex_source(vertex, straight));
-    return !vertex_is_for_eyes(vertex) ||
-           v_dot(*d, vertex->surface.ng) * v_dot(straight, vertex->surface.ng) > 0;
+    return !vertex_is_for_eyes(vertex) || fabsf(v_dot(straight, vertex->surface.ng)) > vertex->surface.offset;
 }
 
 /* Where a ray in direction w starts. */
